@@ -1,0 +1,123 @@
+"""The last stage before the wire: whatever was decided, this is the most that the vehicle may be told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from control.gate import all_finite
+from control.messages import CommandReason, VelocityCommand
+
+# A change smaller than this is rounding, not a limit at work.
+CHANGE_TOLERANCE = 1e-9
+# One period at 20 Hz, the rate of setpoints (mavlink.md, 3.1), taken as the time step of the first call.
+FIRST_STEP_S = 0.05
+# Longer steps are taken as this long, so that a pause cannot become one large jump of speed.
+MAX_STEP_S = 0.25
+# After a silence this long the autopilot has stopped by itself (PX4 COM_OF_LOSS_T 1 s): start again from zero.
+RESTART_AFTER_S = 1.0
+HOLDS = frozenset(reason for reason in CommandReason if reason.value.startswith("hold_"))
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityLimits:
+    """Greatest speeds and accelerations; a stop (a HOLD) may brake harder. Raises ValueError when not positive."""
+
+    max_horizontal_m_s: float = 5.0  # a runner or a bicycle can be followed (mavlink.md, 5)
+    max_up_m_s: float = 1.0  # height is held, not chased (mavlink.md, 5)
+    max_down_m_s: float = 1.0  # well clear of a multicopter's own downwash
+    max_yaw_rate_rad_s: float = math.radians(45.0)  # above it video smears (mavlink.md, 5)
+    max_horizontal_accel_m_s2: float = 2.0  # 12 degrees of tilt: the gimbal and the tracker hardly notice
+    max_vertical_accel_m_s2: float = 1.0  # full vertical speed within a second
+    max_yaw_accel_rad_s2: float = math.radians(90.0)  # full yaw rate within half a second
+    stop_horizontal_accel_m_s2: float = 5.0  # 27 degrees of tilt, which every multicopter has: 5 m/s to rest in 1 s
+    stop_vertical_accel_m_s2: float = 3.0  # 1 m/s to rest in 0.33 s
+    stop_yaw_accel_rad_s2: float = math.radians(180.0)  # 45 deg/s to rest in 0.25 s
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"VelocityLimits.{field.name} = {value}: must be finite and above 0")
+
+    def tighten(self, other: VelocityLimits) -> VelocityLimits:
+        """The smaller of each limit of the two: a profile can take away and never add.
+
+        The braking limits of a stop take part too; a profile that wants hard stops leaves them at their default.
+        """
+        return VelocityLimits(*(min(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
+
+
+class VelocityLimiter:
+    """Clamps speed and its change. No component of the output exceeds both the one asked for and the one before."""
+
+    def __init__(self, limits: VelocityLimits) -> None:
+        self._limits = limits
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from standstill, as when following begins."""
+        self._last_s: float | None = None
+        self._velocity = (0.0, 0.0, 0.0)
+        self._yaw_rate = 0.0
+
+    def step(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
+        """The command that may be sent: NED m/s, yaw rate right + rad/s.
+
+        Not finite (command or time): zero at once with HOLD_NOT_FINITE. A HOLD comes to rest by the `stop_*` limits.
+        Time that stands still or runs back changes nothing, but a HOLD is then zero at once. TRACKING becomes LIMITED
+        when it was changed; any other reason is kept.
+        """
+        if not all_finite(*command.v_ned_m_s, command.yaw_rate_rad_s, command.t_s, now_s):
+            self.reset()
+            return VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, CommandReason.HOLD_NOT_FINITE)
+        stopping = command.reason in HOLDS
+        dt_s = self._time_step(now_s)
+        if stopping and dt_s <= 0:
+            self._velocity, self._yaw_rate = (0.0, 0.0, 0.0), 0.0
+        else:
+            self._advance(command, stopping, max(dt_s, 0.0))
+        return self._output(command, now_s)
+
+    def _time_step(self, now_s: float) -> float:
+        if self._last_s is not None and now_s - self._last_s > RESTART_AFTER_S:
+            self.reset()
+        dt_s = FIRST_STEP_S if self._last_s is None else now_s - self._last_s
+        self._last_s = now_s
+        return min(dt_s, MAX_STEP_S)
+
+    def _advance(self, command: VelocityCommand, stopping: bool, dt_s: float) -> None:
+        limits, (north, east, down) = self._limits, command.v_ned_m_s
+        north, east = _shortened((north, east), limits.max_horizontal_m_s)
+        down = min(max(down, -limits.max_up_m_s), limits.max_down_m_s)
+        yaw_rate = min(max(command.yaw_rate_rad_s, -limits.max_yaw_rate_rad_s), limits.max_yaw_rate_rad_s)
+        old_north, old_east, old_down = self._velocity
+        horizontal, vertical, yaw = self._accelerations(stopping)
+        d_north, d_east = _shortened((north - old_north, east - old_east), horizontal * dt_s)
+        (d_down,) = _shortened((down - old_down,), vertical * dt_s)
+        (d_yaw,) = _shortened((yaw_rate - self._yaw_rate,), yaw * dt_s)
+        self._velocity = (old_north + d_north, old_east + d_east, old_down + d_down)
+        self._yaw_rate += d_yaw
+
+    def _accelerations(self, stopping: bool) -> tuple[float, float, float]:
+        """Horizontal, vertical and yaw. A stop never brakes softer than an ordinary change would."""
+        c = self._limits
+        moving = (c.max_horizontal_accel_m_s2, c.max_vertical_accel_m_s2, c.max_yaw_accel_rad_s2)
+        if not stopping:
+            return moving
+        stop = (c.stop_horizontal_accel_m_s2, c.stop_vertical_accel_m_s2, c.stop_yaw_accel_rad_s2)
+        return max(moving[0], stop[0]), max(moving[1], stop[1]), max(moving[2], stop[2])
+
+    def _output(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
+        asked = (*command.v_ned_m_s, command.yaw_rate_rad_s)
+        given = (*self._velocity, self._yaw_rate)
+        changed = any(abs(a - g) > CHANGE_TOLERANCE for a, g in zip(asked, given, strict=True))
+        limited = changed and command.reason is CommandReason.TRACKING
+        reason = CommandReason.LIMITED if limited else command.reason
+        return VelocityCommand(self._velocity, self._yaw_rate, now_s, reason)
+
+
+def _shortened(vector: tuple[float, ...], max_norm: float) -> tuple[float, ...]:
+    """The vector with its direction kept and its length at most `max_norm`."""
+    norm = math.hypot(*vector)
+    return vector if norm <= max_norm else tuple(v * (max_norm / norm) for v in vector)

@@ -1,0 +1,84 @@
+"""What travels from the estimate to the wire: telemetry in, commands out.
+
+Radians, metres, seconds; NED and FRD axes (control/frames.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class CommandReason(str, Enum):
+    """Why a command is what it is; logged with every step."""
+
+    TRACKING = "tracking"
+    COASTING = "coasting"
+    HOLD_NO_TARGET = "hold_no_target"
+    HOLD_STALE_TARGET = "hold_stale_target"
+    HOLD_NO_TELEMETRY = "hold_no_telemetry"
+    HOLD_NO_RANGE = "hold_no_range"
+    HOLD_TOO_CLOSE = "hold_too_close"  # the approach is held; the command may still retreat
+    HOLD_NOT_FINITE = "hold_not_finite"
+    LIMITED = "limited"
+
+
+class GimbalFrame(str, Enum):
+    """What gimbal yaw is measured from: the vehicle's heading (follow) or north (lock)."""
+
+    VEHICLE = "vehicle"
+    EARTH = "earth"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """Vehicle telemetry at `t_s` (our clock). Euler angles roll right +, pitch up +, yaw right of north +.
+
+    `pos_ned_m` and `vel_ned_m_s` are north, east, down from the estimator's origin. A group is used only when its
+    `*_valid` flag is set. `source` names where it came from (for example a MAVLink component, or "assumed").
+    """
+
+    t_s: float
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    pos_ned_m: tuple[float, float, float]
+    vel_ned_m_s: tuple[float, float, float]
+    attitude_valid: bool
+    position_valid: bool
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalState:
+    """Where the camera points at `t_s`: pitch up +, yaw right +, measured in `frame`; roll is held level."""
+
+    t_s: float
+    pitch_rad: float
+    yaw_rad: float
+    frame: GimbalFrame
+    valid: bool
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalCommand:
+    """A rate (pitch up +, yaw right +) and, where the gimbal is to be driven by angles, the angle to go to."""
+
+    pitch_rate_rad_s: float
+    yaw_rate_rad_s: float
+    pitch_rad: float | None
+    yaw_rad: float | None
+    frame: GimbalFrame
+    t_s: float
+    reason: CommandReason
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityCommand:
+    """Velocity north, east, down and a yaw rate (right +) for the vehicle."""
+
+    v_ned_m_s: tuple[float, float, float]
+    yaw_rate_rad_s: float
+    t_s: float
+    reason: CommandReason

@@ -1,0 +1,65 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from control.range import MAX_RATIO, MIN_SIZE_PX, SizeRange
+from tests.control.builders import target
+from tracker.box import Box
+
+LAW = SizeRange(20.0, 40.0)
+
+
+@given(st.floats(10, 150))
+def test_half_the_size_is_twice_the_range(size_px):
+    estimate = LAW.estimate(target(box=Box(320, 180, size_px * 2, size_px / 2)))
+    assert estimate.valid
+    assert estimate.range_m == pytest.approx(20.0 * 40.0 / size_px)
+
+
+def test_sigma_follows_the_covariance_of_ln_size():
+    cov = np.diag([1.0, 1.0, 0.02, 0.02])
+    assert LAW.estimate(target(cov=cov)).sigma_m == pytest.approx(20.0 * 0.1)
+    cov[2, 3] = cov[3, 2] = 0.02  # width and height wrong together do not average out
+    assert LAW.estimate(target(cov=cov)).sigma_m == pytest.approx(20.0 * math.sqrt(0.02))
+
+
+def test_sigma_is_the_spread_of_the_range():
+    rng = np.random.default_rng(3)
+    ln_size = rng.normal(0.0, 0.05, (4000, 2))
+    ranges = [LAW.estimate(target(box=Box(0, 0, 40 * math.exp(w), 40 * math.exp(h)))).range_m for w, h in ln_size]
+    claimed = LAW.estimate(target(cov=np.diag([1.0, 1.0, 0.0025, 0.0025]))).sigma_m
+    assert np.std(ranges) == pytest.approx(claimed, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"box": None},
+        {"cov": None},
+        {"box": Box(320, 180, math.nan, 40)},
+        {"box": Box(320, 180, math.inf, 40)},
+        {"box": Box(320, 180, -4, 40)},
+        {"box": Box(320, 180, 40 * MAX_RATIO * 1.01, 40 * MAX_RATIO * 1.01)},
+        {"cov": np.diag([1.0, 1.0, 0.5, 0.5])},
+        {"cov": np.diag([1.0, 1.0, -0.1, 0.1])},
+        {"cov": np.diag([1.0, 1.0, math.nan, 0.1])},
+        {"cov": np.diag([1.0, 1.0, math.inf, 0.1])},
+    ],
+)
+def test_what_cannot_be_trusted_is_not_valid(changes):
+    assert not LAW.estimate(target(**changes)).valid
+
+
+def test_a_box_of_a_few_pixels_has_no_size():
+    law = SizeRange(20.0, 8.0)
+    assert law.estimate(target(box=Box(320, 180, MIN_SIZE_PX, MIN_SIZE_PX))).range_m == pytest.approx(40.0)
+    assert not law.estimate(target(box=Box(320, 180, MIN_SIZE_PX * 0.99, MIN_SIZE_PX * 0.99))).valid
+
+
+@pytest.mark.parametrize("values", [(0.0, 40.0), (20.0, math.nan), (-1.0, 40.0), (20.0, math.inf)])
+def test_bad_references_are_refused(values):
+    with pytest.raises(ValueError, match=r"SizeRange\.reference_"):
+        SizeRange(*values)

@@ -1,0 +1,1 @@
+"""SiamAPN++, the box filter and the target's states: from a frame to a target estimate."""

@@ -1,0 +1,150 @@
+"""The whole loop in one place: frame or candidates and telemetry in, one StepRecord out.
+
+`App.step` holds no thread, socket or sleep; live threads, the lockstep simulation and replay only call it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from control.camera import Intrinsics
+from control.gimbal import GimbalLaw
+from control.guidance.trail import TrailGuidance
+from control.limits import VelocityLimiter
+from control.messages import GimbalCommand, GimbalState, VehicleState, VelocityCommand
+from control.range import NO_RANGE, RangeEstimate, SizeRange
+from tracker.box import Box
+from tracker.messages import Candidate, Frame, SearchHint, TargetState, Tracker
+from uavfollow.stopwatch import Stopwatch
+
+log = logging.getLogger(__name__)
+
+
+class Target(Protocol):
+    """What makes candidates into a target state: `tracker.target.TargetTracker` or `tracker.raw.RawTarget`."""
+
+    def start(self, box: Box, t_s: float) -> TargetState:
+        """Take a new target."""
+
+    def step(self, candidates: Sequence[Candidate], t_s: float, image_size_px: tuple[float, float]) -> TargetState:
+        """Take what was found in one picture."""
+
+    def hint(self, t_s: float | None = None) -> SearchHint | None:
+        """Where to search next."""
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """What is known of vehicle and gimbal at the time of the frame."""
+
+    vehicle: VehicleState
+    gimbal: GimbalState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepRecord:
+    """Everything of one cycle: enough to explain it. `fault` is what went wrong and was survived, None when nothing."""
+
+    seq: int
+    t_s: float
+    candidates: tuple[Candidate, ...]
+    target: TargetState
+    telemetry: Telemetry
+    range_estimate: RangeEstimate
+    gimbal_command: GimbalCommand
+    velocity_command: VelocityCommand
+    fault: str | None
+
+
+class App:
+    """Tracker, target estimate, gimbal law, guidance and limits, wired in the order of the data."""
+
+    def __init__(
+        self,
+        tracker: Tracker | None,
+        target: Target,
+        gimbal_law: GimbalLaw,
+        guidance: TrailGuidance,
+        limiter: VelocityLimiter,
+        intrinsics: Intrinsics,
+        reference_range_m: float,
+        stopwatch: Stopwatch | None = None,
+    ) -> None:
+        self._tracker = tracker
+        self._target = target
+        self._gimbal_law = gimbal_law
+        self._guidance = guidance
+        self._limiter = limiter
+        self._intrinsics = intrinsics
+        self._reference_range_m = reference_range_m
+        self._range: SizeRange | None = None
+        self._stopwatch = stopwatch or Stopwatch()
+        self._seq = 0
+
+    def start(self, frame: Frame | None, box: Box, telemetry: Telemetry, now_s: float) -> StepRecord:
+        """Select `box` in `frame` (None when candidates come from elsewhere). Raises ValueError when it cannot be."""
+        if self._tracker is not None and frame is not None:
+            with self._stopwatch.section("track"):
+                self._tracker.init(frame, box)
+        with self._stopwatch.section("filter"):
+            target = self._target.start(box, now_s)
+            self._range = SizeRange(self._reference_range_m, (box.w_px * box.h_px) ** 0.5)
+            for law in (self._gimbal_law, self._guidance, self._limiter):
+                law.reset()
+            return self._conclude((), target, telemetry, now_s, None)
+
+    def step(self, seen: Frame | Sequence[Candidate] | None, telemetry: Telemetry, now_s: float) -> StepRecord:
+        """One cycle: a frame to search, candidates found elsewhere, or None for a picture that could not be read.
+
+        Never raises for what a frame holds: a failing tracker is a step without candidates, with `fault` set.
+        """
+        candidates, fault = self._search(seen, now_s)
+        with self._stopwatch.section("filter"):
+            size = (float(self._intrinsics.width_px), float(self._intrinsics.height_px))
+            target = self._target.step(candidates, now_s, size)
+            return self._conclude(candidates, target, telemetry, now_s, fault)
+
+    def _search(
+        self, seen: Frame | Sequence[Candidate] | None, now_s: float
+    ) -> tuple[tuple[Candidate, ...], str | None]:
+        if seen is None:
+            return (), "the picture could not be read"
+        if not isinstance(seen, Frame):
+            return tuple(seen), None
+        if self._tracker is None:
+            return (), "no tracker for this picture"
+        with self._stopwatch.section("track"):
+            try:
+                return self._tracker.update(seen, self._target.hint(now_s)), None
+            except Exception as error:  # one bad frame must not end a flight; the reason is kept and logged
+                log.warning("frame %d: the tracker failed: %r", seen.seq, error)
+                return (), f"the tracker failed: {error!r}"
+
+    def _conclude(
+        self,
+        candidates: tuple[Candidate, ...],
+        target: TargetState,
+        telemetry: Telemetry,
+        now_s: float,
+        fault: str | None,
+    ) -> StepRecord:
+        range_estimate = self._range.estimate(target) if self._range is not None else NO_RANGE
+        gimbal = self._gimbal_law.step(target, telemetry.gimbal, self._intrinsics, now_s)
+        wish = self._guidance.step(target, telemetry.gimbal, self._intrinsics, telemetry.vehicle, range_estimate, now_s)
+        velocity = self._limiter.step(wish, now_s)
+        record = StepRecord(
+            seq=self._seq,
+            t_s=now_s,
+            candidates=candidates,
+            target=target,
+            telemetry=telemetry,
+            range_estimate=range_estimate,
+            gimbal_command=gimbal,
+            velocity_command=velocity,
+            fault=fault,
+        )
+        self._seq += 1
+        return record

@@ -1,0 +1,47 @@
+"""The command line: one parser, one module per command. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from typing import NoReturn
+
+import uavfollow
+from uavfollow.cli import track, weights
+from uavfollow.errors import InputError
+
+DESCRIPTION = "MAVLink visual servoing: follow a target in the picture, steer gimbal and vehicle."
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with one-line errors that go the way of every other bad input."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise InputError instead of printing the whole usage."""
+        raise InputError(f"{message} (see `{self.prog} --help`)")
+
+    def known_options(self) -> list[str]:
+        """Long options of this parser."""
+        return [o for action in self._actions for o in action.option_strings if o.startswith("--")]
+
+
+def build_parser() -> tuple[Parser, dict[str, Parser]]:
+    """The parser and its commands by name."""
+    parser = Parser(prog="uavfollow", description=DESCRIPTION)
+    parser.add_argument("--version", action="version", version=f"uavfollow {uavfollow.__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    made = {module.NAME: module.add_parser(commands) for module in (track, weights)}
+    return parser, made
+
+
+def run(argv: list[str]) -> int:
+    """Parse and run. Raises InputError on anything the user must mend."""
+    parser, commands = build_parser()
+    arguments, unknown = parser.parse_known_args(argv)
+    if unknown:
+        command = commands[arguments.command]
+        close = difflib.get_close_matches(unknown[0].split("=")[0], command.known_options(), 1)
+        hint = f"; did you mean {close[0]}?" if close else f" (see `{command.prog} --help`)"
+        raise InputError(f"unknown argument {unknown[0]}{hint}")
+    code: int = arguments.run(arguments)
+    return code

@@ -1,0 +1,138 @@
+"""`uavfollow track`: follow a target through recorded material or a camera, and write what was seen and sent."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, InputError
+
+if TYPE_CHECKING:
+    from tracker.box import Box
+    from tracker.messages import Frame
+    from uavfollow.track_run import TrackOptions
+    from uavfollow.video.source import FrameSource
+
+NAME = "track"
+GRID_NAME = "first_frame_grid.png"
+SPARE_CORES = 1  # left to video, MAVLink and the rest of the companion: spinning threads on all cores collapse
+EPILOG = """The setpoints are those for a camera that looks straight forward from a hovering vehicle and does not move:
+open loop. Their metres scale with --range-m, the range to the target at selection."""
+
+
+def add_parser(commands: Any) -> Any:
+    """Add the command to the subparsers; returns its parser."""
+    parser = commands.add_parser(NAME, help="track a target in a video, an image folder or a camera", epilog=EPILOG)
+    parser.add_argument("source", metavar="SOURCE", help="video file, folder of images, or camera index")
+    parser.add_argument("--box", metavar="X,Y,W,H", help="target in the first frame, px from the top-left corner")
+    parser.add_argument("--model", default="s", help="s, full or a .safetensors file (default: s)")
+    parser.add_argument("--truth", metavar="FILE", type=Path, help="x,y,w,h per frame; gives scores (and the box)")
+    parser.add_argument("--fps", type=float, help="frame rate; of an image folder (default 30), else overrides")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="output folder (default: runs/track-NAME)")
+    parser.add_argument("--gimbal-mavlink", metavar="OUT.tlog", type=Path, help="where the setpoints go instead of DIR")
+    parser.add_argument("--hfov-deg", type=float, default=66.0, help="horizontal field of view (default: 66)")
+    parser.add_argument("--range-m", type=float, default=20.0, help="assumed range at selection (default: 20)")
+    parser.add_argument("--max-frames", type=int, help="stop after so many frames")
+    parser.add_argument("--raw", action="store_true", help="the tracker alone: no filter, always LOCKED")
+    parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="auto")
+    parser.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
+    parser.add_argument("--threads", type=int, help="threads of the network (default: cores less one)")
+    parser.add_argument("--no-video", action="store_true", help="write no overlay video")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    parser.set_defaults(run=_run)
+    return parser
+
+
+def parse_box(text: str) -> Box:
+    """`X,Y,W,H` in px. Raises InputError."""
+    from tracker.box import Box
+
+    parts = text.replace(" ", "").split(",")
+    try:
+        values = [float(p) for p in parts]
+    except ValueError:
+        values = []
+    if len(values) != 4 or len(parts) != 4:
+        raise InputError(f"--box {text!r} is not X,Y,W,H: four numbers with commas, for example --box 120,80,40,30")
+    if not all(math.isfinite(v) for v in values):
+        raise InputError(f"--box {text!r} has a value that is not a finite number")
+    return Box.from_xywh(*values)
+
+
+def _check_numbers(arguments: argparse.Namespace) -> None:
+    for option, value, low, high in (
+        ("--hfov-deg", arguments.hfov_deg, 1.0, 170.0),
+        ("--range-m", arguments.range_m, 1.0, 1000.0),
+        ("--threads", arguments.threads, 1, 256),
+        ("--max-frames", arguments.max_frames, 2, 10**9),
+    ):
+        if value is not None and not low <= value <= high:
+            raise InputError(f"{option} {value} is out of range, must lie in {low}..{high}")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    _check_numbers(arguments)
+    from uavfollow.record.truth import check_length, read_truth
+    from uavfollow.video.source import open_source
+
+    source = open_source(arguments.source, arguments.fps)
+    truth = read_truth(arguments.truth) if arguments.truth else None
+    if truth is not None and arguments.truth and source.count is not None:
+        check_length(arguments.truth, truth, source.count)
+    if truth is not None and source.count is None:
+        raise InputError("--truth goes with recorded material, not with a camera")
+    out = arguments.out or Path("runs") / f"track-{source.name}"
+    box = _initial_box(arguments, truth, source, out)
+    from uavfollow.track_run import run_track
+
+    options = _options(arguments, out)
+    summary, interrupted = run_track(source, box, truth, options)
+    summary.show(as_json=arguments.json)
+    return EXIT_INTERRUPTED if interrupted else EXIT_DONE
+
+
+def _options(arguments: argparse.Namespace, out: Path) -> TrackOptions:
+    from uavfollow.track_run import TrackOptions
+
+    return TrackOptions(
+        model=arguments.model,
+        precision=arguments.precision,
+        device=arguments.device,
+        threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
+        raw=arguments.raw,
+        out=out,
+        tlog=arguments.gimbal_mavlink,
+        video=not arguments.no_video,
+        hfov_rad=math.radians(arguments.hfov_deg),
+        range_m=arguments.range_m,
+        max_frames=arguments.max_frames,
+    )
+
+
+def _initial_box(arguments: argparse.Namespace, truth: list[Box | None] | None, source: FrameSource, out: Path) -> Box:
+    if arguments.box:
+        return parse_box(arguments.box)
+    if truth is not None:
+        if truth[0] is None:
+            raise InputError(f"--truth {arguments.truth}: the first row has no target; give the box with --box X,Y,W,H")
+        return truth[0]
+    grid = _write_grid(next(iter(source.frames()), None), out)
+    raise InputError(
+        f"no target given: look at {grid} and give its box in px as --box X,Y,W,H (top-left corner, width, height)"
+    )
+
+
+def _write_grid(frame: Frame | None, out: Path) -> Path:
+    import cv2
+
+    from uavfollow.record.output import OutputFolder
+    from uavfollow.video.overlay import draw_grid
+
+    if frame is None:
+        raise InputError("the first frame cannot be read")
+    folder = OutputFolder(out)
+    cv2.imwrite(str(folder.path(GRID_NAME)), draw_grid(frame.image_bgr_u8))
+    return folder.commit()[0]

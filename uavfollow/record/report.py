@@ -1,0 +1,87 @@
+"""report.html of a run: numbers, snapshots and plots on one page that needs no network."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from tracker.benchmark.scores import centre_errors_px
+from tracker.messages import ImageU8
+from uavfollow.app import StepRecord
+from uavfollow.record.output import OutputFolder
+from uavfollow.record.plots import plot_centre_error, plot_commands
+from uavfollow.record.summary import TrackSummary, Truth
+
+SNAPSHOTS = 6
+COLUMNS = 3
+TILE_PX = 480
+UNKNOWN_LENGTH_STRIDE = 100  # frames between snapshots when the length is not known
+
+PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>{title}</title>
+<style>body{{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2em auto;padding:0 1em;color:#222}}
+img{{max-width:100%}}pre{{background:#f4f4f4;padding:1em;overflow:auto}}</style>
+<h1>{title}</h1>
+<pre>{numbers}</pre>
+{body}
+<p>Setpoints: <code>setpoints.tlog</code> (open with MAVProxy, MAVExplorer or <code>mavlogdump.py</code>). They are open
+loop: a camera that looks straight forward from a hovering vehicle and does not move; metres scale with the assumed
+range. Rows: <code>track.csv</code>.</p>
+</html>
+"""
+
+
+class Snapshots:
+    """A few overlay pictures, evenly through the run."""
+
+    def __init__(self, count: int | None) -> None:
+        self._stride = max(1, count // SNAPSHOTS) if count else UNKNOWN_LENGTH_STRIDE
+        self._images: list[ImageU8] = []
+
+    def wants(self, number: int) -> bool:
+        """Whether frame `number` is one of them."""
+        return number % self._stride == self._stride // 2 and len(self._images) < SNAPSHOTS
+
+    def add(self, image: ImageU8) -> None:
+        """Keep a scaled copy."""
+        scale = TILE_PX / image.shape[1]
+        size = (TILE_PX, max(1, round(image.shape[0] * scale)))
+        self._images.append(np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8))
+
+    def sheet(self) -> ImageU8 | None:
+        """All of them side by side, None when there are none."""
+        if not self._images:
+            return None
+        blank = np.zeros_like(self._images[0])
+        padded = [*self._images, *[blank] * (-len(self._images) % COLUMNS)]
+        rows = [np.hstack(padded[i : i + COLUMNS]) for i in range(0, len(padded), COLUMNS)]
+        return np.vstack(rows)
+
+
+def write_report(
+    folder: OutputFolder,
+    summary: TrackSummary,
+    records: Sequence[StepRecord],
+    truth: Truth,
+    snapshots: Snapshots,
+    raw: bool,
+) -> None:
+    """Write report.html and its pictures into the folder."""
+    title = f"{summary.source}, model {summary.model}{', raw tracker' if raw else ''}"
+    body = []
+    sheet = snapshots.sheet()
+    if sheet is not None:
+        cv2.imwrite(str(folder.path("snapshots.jpg")), sheet)
+        body.append('<img src="snapshots.jpg" alt="snapshots">')
+    if truth is not None:
+        errors = centre_errors_px([r.target.box for r in records], truth[: len(records)])
+        plot_centre_error(folder.path("centre_error.png"), records, errors, title)
+        body.append('<img src="centre_error.png" alt="centre error over time">')
+    plot_commands(folder.path("commands.png"), records, title)
+    body.append('<img src="commands.png" alt="confidence and setpoints over time">')
+    numbers = html.escape("\n".join(summary.lines()))
+    page = PAGE.format(title=html.escape(title), numbers=numbers, body="\n".join(body))
+    folder.path("report.html").write_text(page)

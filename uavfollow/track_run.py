@@ -1,0 +1,223 @@
+"""One tracking run over recorded material: the loop, its files and its summary."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from control.camera import Intrinsics
+from control.gimbal import GimbalLaw, GimbalLawConfig
+from control.guidance.trail import TrailConfig, TrailGuidance
+from control.limits import VelocityLimiter, VelocityLimits
+from control.messages import GimbalFrame, GimbalState, VehicleState
+from tracker.box import Box
+from tracker.messages import Frame, ImageU8
+from tracker.raw import RawTarget
+from tracker.siamapnpp.tracker import check_box
+from tracker.target import TargetTracker
+from uavfollow.app import App, StepRecord, Target, Telemetry
+from uavfollow.errors import InputError
+from uavfollow.progress import Progress
+from uavfollow.record.output import OutputFolder
+from uavfollow.record.report import Snapshots, write_report
+from uavfollow.record.setpoints import SetpointTlog
+from uavfollow.record.summary import TrackSummary, Truth, summarise
+from uavfollow.record.track_csv import TrackCsv
+from uavfollow.stopwatch import Stopwatch
+from uavfollow.video.overlay import draw_notice, draw_state
+from uavfollow.video.source import FrameSource
+from uavfollow.video.writer import VideoSink
+
+MIN_STANDOFF_SHARE = 0.3  # of the assumed range: nearer than that a fixed camera would have lost the target
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """What the user chose. `tlog` None puts the setpoints into `out`."""
+
+    model: str
+    precision: str
+    device: str
+    threads: int
+    raw: bool
+    out: Path
+    tlog: Path | None
+    video: bool
+    hfov_rad: float
+    range_m: float
+    max_frames: int | None
+
+
+class TrackFiles:
+    """Everything that a run writes: complete after `commit`, without a trace after `abort`."""
+
+    def __init__(self, options: TrackOptions, fps: float, size_px: tuple[int, int]) -> None:
+        self.folder = OutputFolder(options.out)
+        self.tlog_elsewhere = options.tlog
+        self._tlog: SetpointTlog | None = None
+        try:
+            self._csv = TrackCsv(self.folder.path("track.csv"))
+            self._tlog = SetpointTlog(options.tlog or self.folder.path("setpoints.tlog"), time.time_ns() // 1000)
+            self._video = VideoSink(self.folder.path("overlay.mp4"), fps, size_px) if options.video else None
+        except BaseException:
+            self.abort()
+            raise
+
+    def write(self, record: StepRecord, overlay: ImageU8 | None) -> None:
+        """Append one step."""
+        assert self._tlog is not None
+        self._csv.write(record.seq, record.target)
+        self._tlog.write(record)
+        if self._video is not None and overlay is not None:
+            self._video.write(overlay)
+
+    def finish(self, t_s: float) -> None:
+        """Complete rows and video; the setpoint stream ends with an explicit stop."""
+        self._csv.close()
+        if self._video is not None:
+            self._video.close()
+        assert self._tlog is not None
+        self._tlog.stop(t_s)
+
+    def commit(self) -> list[Path]:
+        """Put everything into place; returns the paths."""
+        assert self._tlog is not None
+        self._tlog.close()
+        placed = self.folder.commit()
+        return placed if self.tlog_elsewhere is None else [*placed, self.tlog_elsewhere]
+
+    def abort(self) -> None:
+        """Delete everything."""
+        if self._tlog is not None:
+            self._tlog.abort()
+        self.folder.abort()
+
+
+class TrackRun:
+    """The loop over one source. Holds the records and the snapshots for the report."""
+
+    def __init__(self, app: App, source: FrameSource, truth: Truth, options: TrackOptions, watch: Stopwatch) -> None:
+        self._app = app
+        self._truth = truth
+        self._watch = watch
+        limits = [n for n in (source.count, options.max_frames) if n is not None]
+        self._count = min(limits) if limits else None
+        self._period_s = 1.0 / source.fps
+        self._draws = options.video
+        self._label = f"{source.name}  model {options.model}{'  raw tracker' if options.raw else ''}"
+        self._progress = Progress(self._count)
+        self.records: list[StepRecord] = []
+        self.snapshots = Snapshots(self._count)
+
+    def run(self, first: Frame, rest: Iterator[Frame | None], box: Box, files: TrackFiles) -> bool:
+        """Every frame of the source; returns whether the user interrupted."""
+        last = first
+        try:
+            t_s = first.t_capture_s
+            self._keep(self._app.start(first, box, assumed_telemetry(t_s), t_s), last, files)
+            for frame in self._timed(rest):
+                readable = frame is not None and frame.image_bgr_u8.shape == first.image_bgr_u8.shape
+                t_s = frame.t_capture_s if frame is not None else t_s + self._period_s
+                record = self._app.step(frame if readable else None, assumed_telemetry(t_s), t_s)
+                last = frame if readable and frame is not None else last
+                self._keep(record, last, files)
+        except KeyboardInterrupt:
+            return True
+        finally:
+            self._progress.close()
+        return False
+
+    def _timed(self, rest: Iterator[Frame | None]) -> Iterator[Frame | None]:
+        """The rest of the frames, up to the limit, with the time that reading them takes."""
+        while self._count is None or len(self.records) < self._count:
+            with self._watch.section("read"):
+                try:
+                    frame = next(rest)
+                except StopIteration:
+                    return
+            yield frame
+
+    def _keep(self, record: StepRecord, last: Frame, files: TrackFiles) -> None:
+        with self._watch.section("write"):
+            number = len(self.records)
+            truth = self._truth[number] if self._truth is not None else None
+            wanted = self.snapshots.wants(number)
+            overlay = (
+                draw_state(last.image_bgr_u8, record.target, truth, self._label) if self._draws or wanted else None
+            )
+            if overlay is not None and record.fault is not None:
+                overlay = draw_notice(overlay, record.fault)
+            files.write(record, overlay if self._draws else None)
+            if wanted and overlay is not None:
+                self.snapshots.add(overlay)
+            self.records.append(record)
+            self._progress.show(number + 1, record.target)
+
+
+def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions) -> tuple[TrackSummary, bool]:
+    """Track `box` through the source and write the results. Second: whether the user interrupted.
+
+    Raises InputError, and leaves nothing behind, when source, box, weights or output cannot be used. An interruption
+    keeps what there is so far: that is how a camera run ends.
+    """
+    watch = Stopwatch()
+    frames = iter(source.frames())
+    with watch.section("read"):
+        first = next(frames, None)
+    if first is None:
+        raise InputError(f"{source.name}: the first frame cannot be read")
+    size_px = (first.image_bgr_u8.shape[1], first.image_bgr_u8.shape[0])
+    try:
+        check_box(box, *size_px)
+    except ValueError as error:
+        raise InputError(f"--box: {error}") from error
+    app, engine = _build(options, size_px, watch)
+    files = TrackFiles(options, source.fps, size_px)
+    try:
+        run = TrackRun(app, source, truth, options, watch)
+        interrupted = run.run(first, frames, box, files)
+        files.finish(run.records[-1].t_s)
+        summary = summarise(source.name, source.fps, run.records, truth, options.model, engine, watch.spent_s)
+        write_report(files.folder, summary, run.records, truth, run.snapshots, raw=options.raw)
+        return summary.with_files(files.commit()), interrupted
+    except BaseException:
+        files.abort()
+        raise
+
+
+def _build(options: TrackOptions, size_px: tuple[int, int], watch: Stopwatch) -> tuple[App, str]:
+    import torch
+
+    from tracker.weights.build import build_tracker
+    from tracker.weights.errors import WeightsError
+
+    torch.set_num_threads(options.threads)
+    try:
+        tracker, engine = build_tracker(options.model, options.precision, options.device)
+    except WeightsError as error:
+        raise InputError(f"--model: {error}") from error
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    target: Target = RawTarget() if options.raw else TargetTracker()
+    trail = TrailConfig(standoff_m=options.range_m, min_standoff_m=max(1.0, MIN_STANDOFF_SHARE * options.range_m))
+    app = App(
+        tracker=tracker,
+        target=target,
+        gimbal_law=GimbalLaw(GimbalLawConfig()),
+        guidance=TrailGuidance(trail),
+        limiter=VelocityLimiter(VelocityLimits()),
+        intrinsics=Intrinsics.from_hfov(*size_px, options.hfov_rad),
+        reference_range_m=options.range_m,
+        stopwatch=watch,
+    )
+    return app, f"{engine}, {options.threads} thread{'s' if options.threads > 1 else ''}"
+
+
+def assumed_telemetry(now_s: float) -> Telemetry:
+    """A hovering vehicle, nose north, whose gimbal looks straight forward: recorded video has no telemetry."""
+    level = (0.0, 0.0, 0.0)
+    vehicle = VehicleState(now_s, *level, level, level, attitude_valid=True, position_valid=True, source="assumed")
+    gimbal = GimbalState(now_s, 0.0, 0.0, GimbalFrame.VEHICLE, valid=True, source="assumed")
+    return Telemetry(vehicle, gimbal)

@@ -1,0 +1,1 @@
+"""Pictures in (files, folders, cameras) and out (overlay video)."""
