@@ -16,12 +16,15 @@ FIRST_STEP_S = 0.05
 MAX_STEP_S = 0.25
 # After a silence this long the autopilot has stopped by itself (PX4 COM_OF_LOSS_T 1 s): start again from zero.
 RESTART_AFTER_S = 1.0
+# What they rest on is stale, missing or broken: zero at once. A ramp would be motion from data that is not there.
 HOLDS = frozenset(reason for reason in CommandReason if reason.value.startswith("hold_"))
+# The target is known and the motion towards it must end: the harder `brake_*` limits count.
+BRAKES = frozenset({CommandReason.TOO_CLOSE, CommandReason.NO_RANGE})
 
 
 @dataclass(frozen=True, slots=True)
 class VelocityLimits:
-    """Greatest speeds and accelerations; a stop (a HOLD) may brake harder. Raises ValueError when not positive."""
+    """Greatest speeds and accelerations; TOO_CLOSE and NO_RANGE brake harder. Raises ValueError when not positive."""
 
     max_horizontal_m_s: float = 5.0  # a runner or a bicycle can be followed (mavlink.md, 5)
     max_up_m_s: float = 1.0  # height is held, not chased (mavlink.md, 5)
@@ -30,9 +33,9 @@ class VelocityLimits:
     max_horizontal_accel_m_s2: float = 2.0  # 12 degrees of tilt: the gimbal and the tracker hardly notice
     max_vertical_accel_m_s2: float = 1.0  # full vertical speed within a second
     max_yaw_accel_rad_s2: float = math.radians(90.0)  # full yaw rate within half a second
-    stop_horizontal_accel_m_s2: float = 5.0  # 27 degrees of tilt, which every multicopter has: 5 m/s to rest in 1 s
-    stop_vertical_accel_m_s2: float = 3.0  # 1 m/s to rest in 0.33 s
-    stop_yaw_accel_rad_s2: float = math.radians(180.0)  # 45 deg/s to rest in 0.25 s
+    brake_horizontal_accel_m_s2: float = 5.0  # 27 degrees of tilt, which every multicopter has: 5 m/s to rest in 1 s
+    brake_vertical_accel_m_s2: float = 3.0  # 1 m/s to rest in 0.33 s
+    brake_yaw_accel_rad_s2: float = math.radians(180.0)  # 45 deg/s to rest in 0.25 s
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -43,7 +46,7 @@ class VelocityLimits:
     def tighten(self, other: VelocityLimits) -> VelocityLimits:
         """The smaller of each limit of the two: a profile can take away and never add.
 
-        The braking limits of a stop take part too; a profile that wants hard stops leaves them at their default.
+        The braking limits take part too; a profile that wants hard braking leaves them at their default.
         """
         return VelocityLimits(*(min(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
 
@@ -64,19 +67,18 @@ class VelocityLimiter:
     def step(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
         """The command that may be sent: NED m/s, yaw rate right + rad/s.
 
-        Not finite (command or time): zero at once with HOLD_NOT_FINITE. A HOLD comes to rest by the `stop_*` limits.
-        Time that stands still or runs back changes nothing, but a HOLD is then zero at once. TRACKING becomes LIMITED
-        when it was changed; any other reason is kept.
+        Not finite (command or time): zero at once with HOLD_NOT_FINITE. A HOLD is zero at once, whatever it asks for.
+        COASTING never gains horizontal speed. Time that stands still or runs back changes nothing but a HOLD. TRACKING
+        becomes LIMITED when it was changed; any other reason is kept.
         """
         if not all_finite(*command.v_ned_m_s, command.yaw_rate_rad_s, command.t_s, now_s):
             self.reset()
             return VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, CommandReason.HOLD_NOT_FINITE)
-        stopping = command.reason in HOLDS
         dt_s = self._time_step(now_s)
-        if stopping and dt_s <= 0:
+        if command.reason in HOLDS:
             self._velocity, self._yaw_rate = (0.0, 0.0, 0.0), 0.0
-        else:
-            self._advance(command, stopping, max(dt_s, 0.0))
+            return VelocityCommand(self._velocity, self._yaw_rate, now_s, command.reason)
+        self._advance(command, max(dt_s, 0.0))
         return self._output(command, now_s)
 
     def _time_step(self, now_s: float) -> float:
@@ -86,27 +88,33 @@ class VelocityLimiter:
         self._last_s = now_s
         return min(dt_s, MAX_STEP_S)
 
-    def _advance(self, command: VelocityCommand, stopping: bool, dt_s: float) -> None:
+    def _advance(self, command: VelocityCommand, dt_s: float) -> None:
         limits, (north, east, down) = self._limits, command.v_ned_m_s
-        north, east = _shortened((north, east), limits.max_horizontal_m_s)
+        north, east = _shortened((north, east), self._max_horizontal_m_s(command.reason))
         down = min(max(down, -limits.max_up_m_s), limits.max_down_m_s)
         yaw_rate = min(max(command.yaw_rate_rad_s, -limits.max_yaw_rate_rad_s), limits.max_yaw_rate_rad_s)
         old_north, old_east, old_down = self._velocity
-        horizontal, vertical, yaw = self._accelerations(stopping)
+        horizontal, vertical, yaw = self._accelerations(command.reason)
         d_north, d_east = _shortened((north - old_north, east - old_east), horizontal * dt_s)
         (d_down,) = _shortened((down - old_down,), vertical * dt_s)
         (d_yaw,) = _shortened((yaw_rate - self._yaw_rate,), yaw * dt_s)
         self._velocity = (old_north + d_north, old_east + d_east, old_down + d_down)
         self._yaw_rate += d_yaw
 
-    def _accelerations(self, stopping: bool) -> tuple[float, float, float]:
-        """Horizontal, vertical and yaw. A stop never brakes softer than an ordinary change would."""
+    def _max_horizontal_m_s(self, reason: CommandReason) -> float:
+        """A prediction may shrink or grow the target's box; neither is a reason to fly faster than when it was seen."""
+        if reason is CommandReason.COASTING:
+            return min(self._limits.max_horizontal_m_s, math.hypot(*self._velocity[:2]))
+        return self._limits.max_horizontal_m_s
+
+    def _accelerations(self, reason: CommandReason) -> tuple[float, float, float]:
+        """Horizontal, vertical and yaw. Braking is never softer than an ordinary change would be."""
         c = self._limits
         moving = (c.max_horizontal_accel_m_s2, c.max_vertical_accel_m_s2, c.max_yaw_accel_rad_s2)
-        if not stopping:
+        if reason not in BRAKES:
             return moving
-        stop = (c.stop_horizontal_accel_m_s2, c.stop_vertical_accel_m_s2, c.stop_yaw_accel_rad_s2)
-        return max(moving[0], stop[0]), max(moving[1], stop[1]), max(moving[2], stop[2])
+        brake = (c.brake_horizontal_accel_m_s2, c.brake_vertical_accel_m_s2, c.brake_yaw_accel_rad_s2)
+        return max(moving[0], brake[0]), max(moving[1], brake[1]), max(moving[2], brake[2])
 
     def _output(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
         asked = (*command.v_ned_m_s, command.yaw_rate_rad_s)

@@ -10,15 +10,15 @@ from enum import Enum
 
 
 class CommandReason(str, Enum):
-    """Why a command is what it is; logged with every step."""
+    """Why a command is what it is; logged with every step. A `hold_` reason always means zero, at once."""
 
     TRACKING = "tracking"
-    COASTING = "coasting"
+    COASTING = "coasting"  # led by a prediction: horizontal speed may fall, never rise
+    TOO_CLOSE = "too_close"  # nothing may lead towards the target; it may still retreat
+    NO_RANGE = "no_range"  # it may turn, but neither approach nor retreat
     HOLD_NO_TARGET = "hold_no_target"
     HOLD_STALE_TARGET = "hold_stale_target"
     HOLD_NO_TELEMETRY = "hold_no_telemetry"
-    HOLD_NO_RANGE = "hold_no_range"
-    HOLD_TOO_CLOSE = "hold_too_close"  # the approach is held; the command may still retreat
     HOLD_NOT_FINITE = "hold_not_finite"
     LIMITED = "limited"
 

@@ -112,8 +112,8 @@ class TrailGuidance:
         """Velocity NED (m/s) and yaw rate (right +), before `VelocityLimiter`.
 
         `gimbal` and `vehicle` are those of the exposure (`target.t_s`) or the nearest reports. Zero with a HOLD reason
-        when target, telemetry or a number is not usable. Without a usable range it only turns (HOLD_NO_RANGE). Below
-        `min_standoff_m` nothing points towards the target, it only retreats (HOLD_TOO_CLOSE).
+        when target, telemetry or a number is not usable. Without a usable range it only turns (NO_RANGE). Below
+        `min_standoff_m` nothing points towards the target, it only retreats (TOO_CLOSE).
         """
         hold = target_hold(target, now_s) or telemetry_hold(vehicle, gimbal, now_s)
         if hold is None and range_estimate.valid and not all_finite(range_estimate.range_m, range_estimate.sigma_m):
@@ -126,7 +126,7 @@ class TrailGuidance:
         yaw_rate = line.yaw_error_rad * line.yaw_weight / self._config.yaw_time_s
         if not has_range:
             self.reset()
-            return VelocityCommand((0.0, 0.0, 0.0), yaw_rate, now_s, CommandReason.HOLD_NO_RANGE)
+            return VelocityCommand((0.0, 0.0, 0.0), yaw_rate, now_s, CommandReason.NO_RANGE)
         north, east, reason = self._horizontal(target, vehicle, line, now_s)
         return VelocityCommand((north, east, self._down_m_s(vehicle)), yaw_rate, now_s, reason)
 
@@ -169,7 +169,7 @@ class TrailGuidance:
             decay = math.exp(-max(0.0, now_s - self._coast_since_s) / COAST_DECAY_S)
             north, east = north * decay, east * decay
         if line.ground_m < c.min_standoff_m:
-            reason = CommandReason.HOLD_TOO_CLOSE
+            reason = CommandReason.TOO_CLOSE
             towards = max(0.0, north * line.north + east * line.east)
             north, east = north - towards * line.north, east - towards * line.east
         return north, east, reason

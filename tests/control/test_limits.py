@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.limits import HOLDS, VelocityLimiter, VelocityLimits
+from control.limits import BRAKES, HOLDS, VelocityLimiter, VelocityLimits
 from control.messages import CommandReason, VelocityCommand
 
 speeds = st.floats(-30, 30)
@@ -58,20 +58,51 @@ def test_slew_is_per_second_at_every_rate(hz):
     assert out.reason is CommandReason.LIMITED
 
 
-def test_a_hold_brakes_harder_and_keeps_its_reason():
+@pytest.mark.parametrize("reason", sorted(HOLDS))
+def test_a_hold_is_zero_at_once_whatever_it_asks_for(reason):
+    limiter = VelocityLimiter(VelocityLimits())
+    run(limiter, command(north=5.0, down=0.9, yaw_rate=0.6), 3.0)
+    out = limiter.step(command(north=5.0, down=1.0, yaw_rate=1.0, reason=reason), 3.0)
+    assert (out.v_ned_m_s, out.yaw_rate_rad_s, out.reason) == ((0.0, 0.0, 0.0), 0.0, reason)
+    # and motion begins again from standstill
+    assert limiter.step(command(north=5.0), 3.05).v_ned_m_s[0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("reason", sorted(BRAKES))
+def test_braking_is_harder_and_keeps_its_reason(reason):
     limiter = VelocityLimiter(VelocityLimits())
     run(limiter, command(north=5.0), 3.0)
-    out = run(limiter, command(reason=CommandReason.HOLD_NO_TARGET), 0.5, start_s=3.0)
+    out = run(limiter, command(reason=reason), 0.5, start_s=3.0)
     assert out.v_ned_m_s[0] == pytest.approx(2.5)
-    assert out.reason is CommandReason.HOLD_NO_TARGET
-    assert run(limiter, command(reason=CommandReason.HOLD_NO_TARGET), 0.55, start_s=3.5).v_ned_m_s == (0.0, 0.0, 0.0)
+    assert out.reason is reason
+    assert run(limiter, command(reason=reason), 0.55, start_s=3.5).v_ned_m_s == (0.0, 0.0, 0.0)
 
 
-def test_a_stop_limit_below_the_ordinary_one_does_not_soften_the_stop():
-    limiter = VelocityLimiter(VelocityLimits(stop_horizontal_accel_m_s2=0.5))
+def test_a_brake_limit_below_the_ordinary_one_does_not_soften_the_braking():
+    limiter = VelocityLimiter(VelocityLimits(brake_horizontal_accel_m_s2=0.5))
     run(limiter, command(north=2.0), 3.0)
-    out = run(limiter, command(reason=CommandReason.HOLD_NO_TARGET), 0.5, start_s=3.0)
+    out = run(limiter, command(reason=CommandReason.TOO_CLOSE), 0.5, start_s=3.0)
     assert out.v_ned_m_s[0] == pytest.approx(1.0)
+
+
+@given(st.floats(-6, 6), st.floats(-6, 6), st.lists(st.tuples(speeds, speeds), min_size=1, max_size=20))
+def test_a_coast_never_gains_horizontal_speed(north, east, wishes):
+    limiter = VelocityLimiter(VelocityLimits())
+    speed = math.hypot(*run(limiter, command(north, east), 1.0).v_ned_m_s[:2])
+    for i, wish in enumerate(wishes):
+        out = limiter.step(command(*wish, reason=CommandReason.COASTING), 1.0 + 0.05 * i)
+        assert math.hypot(*out.v_ned_m_s[:2]) <= speed + 1e-9
+        assert out.reason is CommandReason.COASTING
+        speed = math.hypot(*out.v_ned_m_s[:2])
+
+
+def test_a_coast_from_standstill_stays_there_and_one_in_motion_may_turn_and_slow_down():
+    limiter = VelocityLimiter(VelocityLimits())
+    assert run(limiter, command(north=3.0, reason=CommandReason.COASTING), 1.0).v_ned_m_s == (0.0, 0.0, 0.0)
+    run(limiter, command(north=3.0), 3.0, start_s=1.0)
+    out = run(limiter, command(north=0.0, east=1.0, reason=CommandReason.COASTING), 3.0, start_s=4.0)
+    assert out.v_ned_m_s[0] == pytest.approx(0.0)
+    assert 0.5 < out.v_ned_m_s[1] <= 1.0  # what the turn cost is not gained back
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])

@@ -84,14 +84,14 @@ def test_below_the_least_standoff_nothing_points_to_the_target(x, y, pitch, yaw,
     )
     if np.linalg.norm(ahead) * range_m > 0.5:
         assert float(np.dot(out.v_ned_m_s[:2], ahead)) <= 1e-9
-    assert out.reason is CommandReason.HOLD_TOO_CLOSE
+    assert out.reason is CommandReason.TOO_CLOSE
 
 
 def test_straight_above_the_target_the_way_out_is_backwards():
     out = look(10.0, state=gimbal(-math.pi / 2), craft=vehicle(math.pi / 2))
     assert out.v_ned_m_s == pytest.approx((0.0, -5.0, 0.0), abs=1e-9)
     assert out.yaw_rate_rad_s == pytest.approx(0.0, abs=1e-9)
-    assert out.reason is CommandReason.HOLD_TOO_CLOSE
+    assert out.reason is CommandReason.TOO_CLOSE
 
 
 def test_a_target_almost_straight_below_hardly_turns_the_vehicle_and_gives_no_direction():
@@ -189,7 +189,7 @@ def test_without_a_range_it_only_turns(no_range):
     out = law.step(target(600), gimbal(), CAMERA, vehicle(), no_range, NOW_S)
     assert out.v_ned_m_s == (0.0, 0.0, 0.0)
     assert out.yaw_rate_rad_s > 0
-    assert out.reason is CommandReason.HOLD_NO_RANGE
+    assert out.reason is CommandReason.NO_RANGE
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])

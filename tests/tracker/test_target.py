@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import astuple
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from tracker.box import Box
+from tracker.filter import FilterConfig
 from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
 from tracker.target import MAX_HINT_SCALE, TargetConfig, TargetTracker
 
@@ -47,7 +50,7 @@ def locked(fps: float = 30.0, config: TargetConfig | None = None) -> TargetTrack
 
 def changes(states: list[TargetState]) -> list[tuple[float, TargetStatus]]:
     """Time and status at every change of the status."""
-    return [(b.t_s, b.status) for a, b in zip(states, states[1:], strict=False) if a.status is not b.status]
+    return [(b.t_s, b.status) for a, b in pairwise(states) if a.status is not b.status]
 
 
 def until(t_s: float, before: list[Candidate], after: list[Candidate]) -> Script:
@@ -71,20 +74,26 @@ TABLE = [
     ("weak sightings", lambda t: [seen(0.4)], 0.5, ACQUIRING, TargetReason.LOW_SCORE),
     ("not seen at first", lambda t: [], 0.5, ACQUIRING, TargetReason.NO_CANDIDATE),
     ("never confirmed", lambda t: [seen(0.4)], 1.5, SEARCHING, TargetReason.NOT_CONFIRMED),
-    ("confirmed", until(0.1, STEADY, STEADY), 0.3, LOCKED, TargetReason.SEEN),
+    ("confirmed", lambda t: STEADY, 0.4, LOCKED, TargetReason.SEEN),
     ("seen", lambda t: STEADY, 1.0, LOCKED, TargetReason.SEEN),
-    ("sustained by the lower threshold", until(1, STEADY, [seen(0.35)]), 3.0, LOCKED, TargetReason.SEEN),
-    ("below it", until(1, STEADY, [seen(0.25)]), 1.2, COASTING, TargetReason.LOW_SCORE),
+    ("sustained by the lower threshold", until(1, STEADY, [seen(0.45)]), 3.0, LOCKED, TargetReason.SEEN),
+    ("below it", until(1, STEADY, [seen(0.35)]), 1.2, COASTING, TargetReason.LOW_SCORE),
     ("nothing found", until(1, STEADY, []), 1.2, COASTING, TargetReason.NO_CANDIDATE),
     ("not finite", until(1, STEADY, [seen(math.nan)]), 1.2, COASTING, TargetReason.NOT_FINITE),
     ("outside the gate", until(1, STEADY, [FAR]), 1.2, COASTING, TargetReason.GATED),
-    ("weak outside the gate", until(1, STEADY, [seen(0.35, 6 * SIZE_PX)]), 1.02, COASTING, TargetReason.GATED),
+    ("weak outside the gate", until(1, STEADY, [seen(0.45, 6 * SIZE_PX)]), 1.02, COASTING, TargetReason.GATED),
     ("a jump that persists", until(1, STEADY, [seen(0.8, 0, 2.5 * SIZE_PX)]), 2.0, LOCKED, TargetReason.SEEN),
     ("the inlier wins", until(1, STEADY, [seen(0.99, 6 * SIZE_PX), seen(0.5)]), 1.2, LOCKED, TargetReason.SEEN),
     ("left the picture", leaving, 1.9, COASTING, TargetReason.OUT_OF_VIEW),
     ("out of sight for good", until(1, STEADY, []), 2.5, SEARCHING, TargetReason.COAST_EXPIRED),
     ("searching, nothing", until(1, STEADY, []), 3.0, SEARCHING, TargetReason.NO_CANDIDATE),
-    ("searching, weak", until(1, STEADY, [seen(0.4)]), 1.0, LOCKED, TargetReason.SEEN),
+    (
+        "searching, weak",
+        lambda t: STEADY if t <= 1 + EPS else [] if t < 2.6 else [seen(0.5)],
+        3.0,
+        SEARCHING,
+        TargetReason.LOW_SCORE,
+    ),
     ("gave up", until(1, STEADY, []), 11.0, LOST, TargetReason.GAVE_UP),
     ("stays given up", lambda t: STEADY if t <= 1 + EPS or t > 11.5 else [], 14.0, LOST, TargetReason.GAVE_UP),
 ]
@@ -134,12 +143,12 @@ def test_reacquired_within_its_time_and_at_the_candidate(fps):
     first = next(s for s in states if s.reason is TargetReason.REACQUIRED)
     assert first.status is LOCKED
     assert first.t_s == pytest.approx(4.2, abs=EPS)
-    assert first.box == seen(0.7, 150.0).box
+    assert astuple(first.box) == pytest.approx(astuple(seen(0.7, 150.0).box))
     assert all(s.reason is TargetReason.CONFIRMING for s in states if 4 - EPS < s.t_s < first.t_s - EPS)
     assert all(s.status is LOCKED for s in states if s.t_s > first.t_s)
 
 
-@pytest.mark.parametrize("score", [0.31, 0.44])
+@pytest.mark.parametrize("score", [0.41, 0.54])
 def test_reacquiring_needs_the_upper_threshold(score):
     states = play(lambda t: STEADY if t <= 1 + EPS else [] if t < 4 else [seen(score)], 6.0)
     assert all(s.status is SEARCHING and s.reason is TargetReason.LOW_SCORE for s in states if s.t_s > 4.01)
@@ -158,7 +167,7 @@ def test_reacquiring_needs_candidates_that_agree_in_a_row():
 
 
 def test_a_coasting_target_needs_the_upper_threshold():
-    states = play(lambda t: STEADY if t <= 1 + EPS else [] if t < 1.1 else [seen(0.4 if t < 1.5 else 0.5)], 2.0)
+    states = play(lambda t: STEADY if t <= 1 + EPS else [] if t < 1.1 else [seen(0.5 if t < 1.5 else 0.6)], 2.0)
     assert all(s.status is COASTING for s in states if 1.01 < s.t_s < 1.5)
     assert all(s.status is LOCKED for s in states if s.t_s > 1.51)
 
@@ -186,7 +195,7 @@ def test_a_coast_ends_when_the_ellipse_leaves_the_search_region():
 
 def test_a_default_coast_lasts_its_full_time():
     """The default noises must let a well-tracked target coast for coast_s: the ellipse must not cut it short."""
-    for score in (0.5, 0.7, 0.9):
+    for score in (0.6, 0.75, 0.9):
         times = {s: t for t, s in changes(play(until(2, [seen(score)], []), 5.0))}
         assert times[SEARCHING] == pytest.approx(3.5)
 
@@ -245,15 +254,16 @@ def test_idle_and_lost_report_no_box():
 def test_a_coast_reports_the_moving_prediction_and_growing_covariance():
     states = play(lambda t: [seen(0.8, 60 * t)] if t <= 2 + EPS else [], 6.0)
     unseen = [s for s in states if s.t_s > 2 + EPS]
-    assert all(b.box.cx_px >= a.box.cx_px for a, b in zip(unseen, unseen[1:], strict=False))
-    assert all(b.cov[0, 0] > a.cov[0, 0] for a, b in zip(unseen, unseen[1:], strict=False))
+    assert all(b.box.cx_px >= a.box.cx_px for a, b in pairwise(unseen))
+    assert all(b.cov[0, 0] > a.cov[0, 0] for a, b in pairwise(unseen))
     assert unseen[0].box.cx_px == pytest.approx(BOX.cx_px + 60 * unseen[0].t_s, abs=2.0)
 
 
 def test_start_again_takes_a_new_target_and_its_clock():
     tracker = locked()
     state = tracker.start(Box(100.0, 100.0, 20.0, 20.0), 0.5)
-    assert (state.t_s, state.status, state.box) == (0.5, ACQUIRING, Box(100.0, 100.0, 20.0, 20.0))
+    assert (state.t_s, state.status) == (0.5, ACQUIRING)
+    assert astuple(state.box) == pytest.approx((100.0, 100.0, 20.0, 20.0))
     assert state.confidence == 0.0
 
 
@@ -277,8 +287,7 @@ def test_hint_is_where_the_target_will_be():
 def test_hint_widens_with_the_ellipse_and_stays_in_the_picture():
     tracker = TargetTracker()
     scales = []
-    for k, _ in enumerate(play(leaving, 2.0, 30.0, tracker)):
-        assert k >= 0
+    play(leaving, 2.0, 30.0, tracker)
     for k in range(1, 70):
         tracker.step([], 2.0 + k / 10, IMAGE)
         hint = tracker.hint()
@@ -286,7 +295,13 @@ def test_hint_widens_with_the_ellipse_and_stays_in_the_picture():
         scales.append(hint.scale)
     assert scales == sorted(scales)
     assert scales[0] == 1.0
-    assert scales[-1] == MAX_HINT_SCALE
+    assert 2.0 < scales[-1] < MAX_HINT_SCALE
+
+
+def test_hint_is_never_wider_than_the_tracker_can_search():
+    tracker = TargetTracker(filter_config=FilterConfig(accel_sizes_s1_5=5.0))
+    play(until(1, STEADY, []), 9.0, 30.0, tracker)
+    assert tracker.hint().scale == MAX_HINT_SCALE
 
 
 def test_shift_moves_box_and_run():
@@ -323,7 +338,7 @@ def test_a_time_or_image_that_is_not_finite_holds_everything(bad):
         state = tracker.step(STEADY, t_s, image)
         assert (state.status, state.reason, state.t_s) == (COASTING, TargetReason.NOT_FINITE, 1.0)
         assert fingerprint(tracker) == before
-    assert tracker.step([seen(0.35)], 1.1, IMAGE).status is LOCKED
+    assert tracker.step([seen(0.45)], 1.1, IMAGE).status is LOCKED
 
 
 def test_a_time_that_went_back_holds_everything():
