@@ -20,6 +20,7 @@ class CommandReason(str, Enum):
     HOLD_STALE_TARGET = "hold_stale_target"
     HOLD_NO_TELEMETRY = "hold_no_telemetry"
     HOLD_NOT_FINITE = "hold_not_finite"
+    HOLD_FAULT = "hold_fault"  # an error in the estimate or a law; the record's `fault` says which
     LIMITED = "limited"
 
 

@@ -90,6 +90,7 @@ class TargetReason(str, Enum):
     REACQUIRED = "reacquired"
     GAVE_UP = "gave_up"
     TIME_WENT_BACK = "time_went_back"
+    FAULT = "fault"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,8 +98,9 @@ class TargetState:
     """The estimate that control sees.
 
     `box` is the filter's posterior when LOCKED or ACQUIRING, its prediction when COASTING or SEARCHING, None when IDLE
-    or LOST. `vel_px_s` is the velocity of the centre. `cov` is (4, 4), of (cx_px, cy_px, ln w, ln h). `confidence` in
-    [0, 1]. `growth_per_s` is the rate of ln(size): positive when the target grows in the picture.
+    or LOST and for the reason FAULT (the estimate itself raised an error). `vel_px_s` is the velocity of the centre.
+    `cov` is (4, 4), of (cx_px, cy_px, ln w, ln h). `confidence` in [0, 1]. `growth_per_s` is the rate of ln(size):
+    positive when the target grows in the picture.
     """
 
     t_s: float

@@ -1,4 +1,4 @@
-"""A raw tracker's view of its target: always LOCKED on the best candidate, as short-term trackers are benchmarked."""
+"""A raw tracker's view of its target: LOCKED on the best candidate, as short-term trackers are benchmarked."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ class RawTarget:
         if not box.is_valid:
             raise ValueError("the selected box has a value that is not finite or a size that is not positive")
         self._box = box
-        return _locked(box, t_s, 1.0, TargetReason.SELECTED)
+        return _state(TargetStatus.LOCKED, box, t_s, 1.0, TargetReason.SELECTED)
 
     def step(self, candidates: Sequence[Candidate], t_s: float, image_size_px: tuple[float, float]) -> TargetState:
-        """The best candidate, or the last box when there is none."""
+        """The best candidate; without one the last box, SEARCHING, so that nothing moves by it."""
         if self._box is None:
             return TargetState(t_s, TargetStatus.IDLE, TargetReason.NOT_STARTED, None, (0.0, 0.0), 0.0, None, 0.0)
         best = next((c for c in candidates if c.box.is_valid and math.isfinite(c.score)), None)
         if best is None:
-            return _locked(self._box, t_s, 0.0, TargetReason.NO_CANDIDATE)
+            return _state(TargetStatus.SEARCHING, self._box, t_s, 0.0, TargetReason.NO_CANDIDATE)
         self._box = best.box
-        return _locked(best.box, t_s, best.score, TargetReason.SEEN)
+        return _state(TargetStatus.LOCKED, best.box, t_s, best.score, TargetReason.SEEN)
 
     def hint(self, t_s: float | None = None) -> SearchHint | None:
         """None: the tracker searches around its own last place."""
         return None
 
 
-def _locked(box: Box, t_s: float, confidence: float, reason: TargetReason) -> TargetState:
-    return TargetState(t_s, TargetStatus.LOCKED, reason, box, (0.0, 0.0), 0.0, None, confidence)
+def _state(status: TargetStatus, box: Box, t_s: float, confidence: float, reason: TargetReason) -> TargetState:
+    return TargetState(t_s, status, reason, box, (0.0, 0.0), 0.0, None, confidence)

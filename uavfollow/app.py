@@ -14,10 +14,10 @@ from control.camera import Intrinsics
 from control.gimbal import GimbalLaw
 from control.guidance.trail import TrailGuidance
 from control.limits import VelocityLimiter
-from control.messages import GimbalCommand, GimbalState, VehicleState, VelocityCommand
+from control.messages import CommandReason, GimbalCommand, GimbalState, VehicleState, VelocityCommand
 from control.range import NO_RANGE, RangeEstimate, SizeRange
 from tracker.box import Box
-from tracker.messages import Candidate, Frame, SearchHint, TargetState, Tracker
+from tracker.messages import Candidate, Frame, SearchHint, TargetReason, TargetState, TargetStatus, Tracker
 from uavfollow.stopwatch import Stopwatch
 
 log = logging.getLogger(__name__)
@@ -99,12 +99,19 @@ class App:
     def step(self, seen: Frame | Sequence[Candidate] | None, telemetry: Telemetry, now_s: float) -> StepRecord:
         """One cycle: a frame to search, candidates found elsewhere, or None for a picture that could not be read.
 
-        Never raises for what a frame holds: a failing tracker is a step without candidates, with `fault` set.
+        Never raises: an error of the tracker is a step without candidates; one of the estimate or of a law is a HOLD
+        of gimbal and vehicle. `fault` says what it was, and the next step goes on.
         """
         candidates, fault = self._search(seen, now_s)
         with self._stopwatch.section("filter"):
-            size = (float(self._intrinsics.width_px), float(self._intrinsics.height_px))
-            target = self._target.step(candidates, now_s, size)
+            try:
+                size = (float(self._intrinsics.width_px), float(self._intrinsics.height_px))
+                target = self._target.step(candidates, now_s, size)
+            except Exception as error:  # nothing is known of the target in this step
+                fault = self._survived("the target estimate", error)
+                target = TargetState(
+                    now_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0
+                )
             return self._conclude(candidates, target, telemetry, now_s, fault)
 
     def _search(
@@ -120,8 +127,11 @@ class App:
             try:
                 return self._tracker.update(seen, self._target.hint(now_s)), None
             except Exception as error:  # one bad frame must not end a flight; the reason is kept and logged
-                log.warning("frame %d: the tracker failed: %r", seen.seq, error)
-                return (), f"the tracker failed: {error!r}"
+                return (), self._survived("the tracker", error)
+
+    def _survived(self, what: str, error: Exception) -> str:
+        log.warning("step %d: %s failed: %r", self._seq, what, error)
+        return f"{what} failed: {error!r}"
 
     def _conclude(
         self,
@@ -131,10 +141,14 @@ class App:
         now_s: float,
         fault: str | None,
     ) -> StepRecord:
-        range_estimate = self._range.estimate(target) if self._range is not None else NO_RANGE
-        gimbal = self._gimbal_law.step(target, telemetry.gimbal, self._intrinsics, now_s)
-        wish = self._guidance.step(target, telemetry.gimbal, self._intrinsics, telemetry.vehicle, range_estimate, now_s)
-        velocity = self._limiter.step(wish, now_s)
+        try:
+            range_estimate, gimbal, velocity = self._decide(target, telemetry, now_s)
+        except Exception as error:  # a law that fails commands nothing
+            fault = self._survived("a control law", error)
+            self._limiter.reset()
+            range_estimate, hold = NO_RANGE, CommandReason.HOLD_FAULT
+            gimbal = GimbalCommand(0.0, 0.0, None, None, telemetry.gimbal.frame, now_s, hold)
+            velocity = VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, hold)
         record = StepRecord(
             seq=self._seq,
             t_s=now_s,
@@ -148,3 +162,12 @@ class App:
         )
         self._seq += 1
         return record
+
+    def _decide(
+        self, target: TargetState, telemetry: Telemetry, now_s: float
+    ) -> tuple[RangeEstimate, GimbalCommand, VelocityCommand]:
+        """Range, gimbal command, and velocity command after the limits."""
+        range_estimate = self._range.estimate(target) if self._range is not None else NO_RANGE
+        gimbal = self._gimbal_law.step(target, telemetry.gimbal, self._intrinsics, now_s)
+        wish = self._guidance.step(target, telemetry.gimbal, self._intrinsics, telemetry.vehicle, range_estimate, now_s)
+        return range_estimate, gimbal, self._limiter.step(wish, now_s)
