@@ -236,6 +236,15 @@ BAD_INPUT = {
     "truth empty": (lambda m, t: [m.video, "--truth", _truth(t, "")], "empty"),
     "truth starts absent": (lambda m, t: [m.video, "--truth", _truth(t, "nan,nan,nan,nan\n" * 24)], "--box"),
     "cuda": (lambda m, t: [m.video, "--box", m.box, "--device", "cuda"], "CUDA"),
+    "link that does not parse": (
+        lambda m, t: [m.video, "--box", m.box, "--gimbal-mavlink", "udpin:0.0.0.0"],
+        "--gimbal-mavlink: link address 'udpin:0.0.0.0': has no port",
+    ),
+    "tlog without its ending": (lambda m, t: [m.video, "--box", m.box, "--gimbal-mavlink", t / "x.log"], "tlog:"),
+    "setpoints to a vehicle": (
+        lambda m, t: [m.video, "--box", m.box, "--gimbal-mavlink", "udpout:127.0.0.1:14550"],
+        "sent to no vehicle",
+    ),
     "tlog in no folder": (lambda m, t: [m.video, "--box", m.box, "--gimbal-mavlink", t / "no" / "x.tlog"], "x.tlog"),
     "option misspelt": (lambda m, t: [m.video, "--bxo", m.box], "did you mean --box?"),
     "option of another": (lambda m, t: [m.video, "--precision", "fp8"], "fp8"),

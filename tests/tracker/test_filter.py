@@ -63,9 +63,10 @@ def fingerprint(f: BoxFilter) -> tuple[object, ...]:
 
 
 def simulate(config: FilterConfig, seed: int, fps: float, steps: int, score: float) -> tuple[list[float], list[float]]:
-    """NIS and NEES of one run on a truth made by integrating white acceleration finely, not by the filter's F and Q."""
+    """NIS and NEES of one run on a truth made by fine integration of acceleration and shake, not by F and Q."""
     rng = np.random.default_rng(seed)
     accel = np.array([config.accel_sizes_s1_5 * SIZE_PX] * 2 + [config.growth_accel_s1_5] * 2)
+    shake = np.array([config.shake_sizes_s0_5 * SIZE_PX] * 2 + [0.0] * 2)
     pos_sigma = config.pos_sigma_best**score * config.pos_sigma_worst ** (1 - score) * SIZE_PX
     ln_sigma = config.ln_size_sigma_best**score * config.ln_size_sigma_worst ** (1 - score)
     sigma = np.array([pos_sigma, pos_sigma, ln_sigma, ln_sigma])
@@ -77,7 +78,7 @@ def simulate(config: FilterConfig, seed: int, fps: float, steps: int, score: flo
     for k in range(1, steps + 1):
         dt = 1 / fps / substeps
         for _ in range(substeps):
-            pos = pos + vel * dt
+            pos = pos + vel * dt + shake * math.sqrt(dt) * rng.normal(size=4)
             vel = vel + accel * math.sqrt(dt) * rng.normal(size=4)
         f.predict(k / fps)
         z = pos + sigma * rng.normal(size=4)
@@ -109,7 +110,7 @@ def test_nis_is_the_quadratic_form_of_the_stated_innovation():
     f = started()
     f.predict(0.1)
     found = f.innovation(moved(BOX, 5.0, -3.0), 1.0)
-    sigma2 = np.repeat([(0.04 * SIZE_PX) ** 2, 0.04**2], 2)
+    sigma2 = np.repeat([(0.06 * SIZE_PX) ** 2, 0.06**2], 2)
     y = np.array([5.0, -3.0, 0.0, 0.0])
     assert found.y == pytest.approx(tuple(y), abs=1e-9)
     assert found.nis == pytest.approx(y @ np.linalg.inv(f.cov + np.diag(sigma2)) @ y, rel=1e-9)
@@ -437,6 +438,7 @@ def test_cov_is_a_copy():
     ("field", "value"),
     [
         ("accel_sizes_s1_5", 0.0),
+        ("shake_sizes_s0_5", -0.1),
         ("growth_accel_s1_5", math.nan),
         ("pos_sigma_best", -1.0),
         ("pos_sigma_worst", 0.01),  # below best

@@ -32,11 +32,11 @@ def add_parser(commands: Any) -> Any:
     parser.add_argument("--truth", metavar="FILE", type=Path, help="x,y,w,h per frame; gives scores (and the box)")
     parser.add_argument("--fps", type=float, help="frame rate; of an image folder (default 30), else overrides")
     parser.add_argument("--out", metavar="DIR", type=Path, help="output folder (default: runs/track-NAME)")
-    parser.add_argument("--gimbal-mavlink", metavar="OUT.tlog", type=Path, help="where the setpoints go instead of DIR")
+    parser.add_argument("--gimbal-mavlink", metavar="OUT.tlog", help="where the setpoints go instead of DIR")
     parser.add_argument("--hfov-deg", type=float, default=66.0, help="horizontal field of view (default: 66)")
     parser.add_argument("--range-m", type=float, default=20.0, help="assumed range at selection (default: 20)")
     parser.add_argument("--max-frames", type=int, help="stop after so many frames")
-    parser.add_argument("--raw", action="store_true", help="the tracker alone: no filter, always LOCKED")
+    parser.add_argument("--raw", action="store_true", help="the tracker alone: no filter, LOCKED on whatever it finds")
     parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="auto")
     parser.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
     parser.add_argument("--threads", type=int, help="threads of the network (default: cores less one)")
@@ -62,6 +62,21 @@ def parse_box(text: str) -> Box:
     return Box.from_xywh(*values)
 
 
+def parse_tlog(text: str) -> Path:
+    """The file of a tlog address. Raises InputError, also for a link: what is open loop must reach no vehicle."""
+    from uavfollow.mavlink.address import AddressError, LinkKind, parse_address
+
+    try:
+        address = parse_address(text)
+    except AddressError as error:
+        raise InputError(f"--gimbal-mavlink: {error}; here a file is wanted, OUT.tlog") from error
+    if address.kind is not LinkKind.TLOG:
+        raise InputError(
+            f"--gimbal-mavlink {text}: these setpoints are open loop and are sent to no vehicle; give a file, OUT.tlog"
+        )
+    return Path(address.path)
+
+
 def _check_numbers(arguments: argparse.Namespace) -> None:
     for option, value, low, high in (
         ("--hfov-deg", arguments.hfov_deg, 1.0, 170.0),
@@ -75,6 +90,7 @@ def _check_numbers(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     _check_numbers(arguments)
+    tlog = parse_tlog(arguments.gimbal_mavlink) if arguments.gimbal_mavlink is not None else None
     from uavfollow.record.truth import check_length, read_truth
     from uavfollow.video.source import open_source
 
@@ -88,13 +104,13 @@ def _run(arguments: argparse.Namespace) -> int:
     box = _initial_box(arguments, truth, source, out)
     from uavfollow.track_run import run_track
 
-    options = _options(arguments, out)
+    options = _options(arguments, out, tlog)
     summary, interrupted = run_track(source, box, truth, options)
     summary.show(as_json=arguments.json)
     return EXIT_INTERRUPTED if interrupted else EXIT_DONE
 
 
-def _options(arguments: argparse.Namespace, out: Path) -> TrackOptions:
+def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> TrackOptions:
     from uavfollow.track_run import TrackOptions
 
     return TrackOptions(
@@ -104,7 +120,7 @@ def _options(arguments: argparse.Namespace, out: Path) -> TrackOptions:
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
         raw=arguments.raw,
         out=out,
-        tlog=arguments.gimbal_mavlink,
+        tlog=tlog,
         video=not arguments.no_video,
         hfov_rad=math.radians(arguments.hfov_deg),
         range_m=arguments.range_m,
