@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from control.messages import CommandReason, GimbalState, VehicleState
-from tracker.messages import TargetState, TargetStatus
+from tracker.messages import TargetReason, TargetState, TargetStatus
 
 # Older estimates are not acted on: the low end of the 0.3-0.5 s that a control decision may rest on (mavlink.md, 5).
 MAX_TARGET_AGE_S = 0.3
+# A command is made for the moment it is sent in; one as old as a target may be rests on an older one.
+MAX_COMMAND_AGE_S = 0.3
 # Telemetry comes at 10 Hz or more; five missing messages mean that it has stopped.
 MAX_TELEMETRY_AGE_S = 0.5
 # A stamp may lie this far ahead of `now` through clock alignment (two frames at 30 Hz); more is a broken clock.
@@ -35,6 +37,8 @@ def target_hold(target: TargetState, now_s: float) -> CommandReason | None:
     """
     if not _is_finite(target, now_s):
         return CommandReason.HOLD_NOT_FINITE
+    if target.reason is TargetReason.FAULT:
+        return CommandReason.HOLD_FAULT
     if target.status not in (TargetStatus.LOCKED, TargetStatus.COASTING) or target.box is None:
         return CommandReason.HOLD_NO_TARGET
     if not is_fresh(target.t_s, now_s, MAX_TARGET_AGE_S):

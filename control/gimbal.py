@@ -39,6 +39,8 @@ MAX_LOOP_DELAY_S = 2.0
 FIRST_STEP_S = 0.05
 # Longer steps are taken as this long, so that a pause cannot become one large move (four frames missing at 20 Hz).
 MAX_STEP_S = 0.25
+# Time that runs back less than this is jitter and comes again; more is a new clock.
+MAX_BACKSTEP_S = 1.0
 # How far the integrated angle may lead the reported one: what a gimbal with 0.25 s of lag and link delay needs at the
 # greatest rate, and all that an angle-driven gimbal can run on after its reports have become wrong.
 MAX_ANGLE_LEAD_RAD = math.radians(15.0)
@@ -160,7 +162,8 @@ class GimbalLaw:
         if not all_finite(now_s):
             return 0.0
         dt_s = FIRST_STEP_S if self._last_s is None else now_s - self._last_s
-        self._last_s = now_s
+        if dt_s >= 0 or dt_s < -MAX_BACKSTEP_S:
+            self._last_s = now_s
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         self._interval_s += -math.expm1(-dt_s / INTERVAL_FILTER_S) * (dt_s - self._interval_s)
         return dt_s
@@ -207,7 +210,10 @@ class GimbalLaw:
         return (pitch, yaw), clamped != list(demand) or [pitch, yaw] != slewed
 
     def _integrate(self, gimbal: GimbalState | None, dt_s: float) -> None:
-        """Carry the angle on by the rate, at most `MAX_ANGLE_LEAD_RAD` from the reported one and within the stops."""
+        """Carry the angle on by the rate, at most `MAX_ANGLE_LEAD_RAD` from the reported one and within the stops.
+
+        A gimbal that is reported beyond a stop is not sent back to it: what holds, stays.
+        """
         if gimbal is None:
             self._angle = None
             return
@@ -215,9 +221,15 @@ class GimbalLaw:
         lead = MAX_ANGLE_LEAD_RAD
         pitch_lead = _clamp(pitch + self._rate[0] * dt_s - gimbal.pitch_rad, -lead, lead)
         yaw_lead = _clamp(wrap_pi(yaw + self._rate[1] * dt_s - gimbal.yaw_rad), -lead, lead)
+        low, high = self._yaw_limits()
+        yaw = gimbal.yaw_rad + yaw_lead
+        if math.isinf(high):
+            yaw = wrap_pi(yaw)  # with stops, the angle beyond one must not come out at the other
         self._angle = (
-            _clamp(gimbal.pitch_rad + pitch_lead, self._config.pitch_min_rad, self._config.pitch_max_rad),
-            _clamp(wrap_pi(gimbal.yaw_rad + yaw_lead), *self._yaw_limits()),
+            _within(
+                gimbal.pitch_rad + pitch_lead, self._config.pitch_min_rad, self._config.pitch_max_rad, gimbal.pitch_rad
+            ),
+            _within(yaw, low, high, gimbal.yaw_rad),
         )
 
     def _hold(self, gimbal: GimbalState | None, now_s: float, reason: CommandReason) -> GimbalCommand:
@@ -242,6 +254,11 @@ class GimbalLaw:
 
 def _clamp(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
+
+
+def _within(value: float, low: float, high: float, reported: float) -> float:
+    """The value between two stops, or between one and a reported angle beyond it."""
+    return _clamp(value, min(low, reported), max(high, reported))
 
 
 def _soft_dead_zone(error: float, half_width: float) -> float:

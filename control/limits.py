@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from control.gate import all_finite
+from control.gate import MAX_COMMAND_AGE_S, all_finite, is_fresh
 from control.messages import CommandReason, VelocityCommand
 
 # A change smaller than this is rounding, not a limit at work.
@@ -67,26 +67,34 @@ class VelocityLimiter:
     def step(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
         """The command that may be sent: NED m/s, yaw rate right + rad/s.
 
-        Not finite (command or time): zero at once with HOLD_NOT_FINITE. A HOLD is zero at once, whatever it asks for.
-        COASTING never gains horizontal speed. Time that stands still or runs back changes nothing but a HOLD. TRACKING
-        becomes LIMITED when it was changed; any other reason is kept.
+        Not finite (command or time): zero at once with HOLD_NOT_FINITE; a command that was not made just now: zero with
+        HOLD_STALE_COMMAND. A HOLD is zero at once, whatever it asks for. COASTING never gains horizontal speed. Time
+        that stands still or runs back changes nothing but a HOLD. TRACKING becomes LIMITED when it was changed; any
+        other reason is kept.
         """
         if not all_finite(*command.v_ned_m_s, command.yaw_rate_rad_s, command.t_s, now_s):
             self.reset()
             return VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, CommandReason.HOLD_NOT_FINITE)
         dt_s = self._time_step(now_s)
         if command.reason in HOLDS:
-            self._velocity, self._yaw_rate = (0.0, 0.0, 0.0), 0.0
-            return VelocityCommand(self._velocity, self._yaw_rate, now_s, command.reason)
-        self._advance(command, max(dt_s, 0.0))
+            return self._stop(now_s, command.reason)
+        if not is_fresh(command.t_s, now_s, MAX_COMMAND_AGE_S):
+            return self._stop(now_s, CommandReason.HOLD_STALE_COMMAND)
+        self._advance(command, dt_s)
         return self._output(command, now_s)
 
+    def _stop(self, now_s: float, reason: CommandReason) -> VelocityCommand:
+        self._velocity, self._yaw_rate = (0.0, 0.0, 0.0), 0.0
+        return VelocityCommand(self._velocity, self._yaw_rate, now_s, reason)
+
     def _time_step(self, now_s: float) -> float:
+        """Seconds since the last call, in [0, MAX_STEP_S]; a time that came before gives nothing a second time."""
         if self._last_s is not None and now_s - self._last_s > RESTART_AFTER_S:
             self.reset()
         dt_s = FIRST_STEP_S if self._last_s is None else now_s - self._last_s
-        self._last_s = now_s
-        return min(dt_s, MAX_STEP_S)
+        if dt_s >= 0 or dt_s < -RESTART_AFTER_S:
+            self._last_s = now_s
+        return min(max(dt_s, 0.0), MAX_STEP_S)
 
     def _advance(self, command: VelocityCommand, dt_s: float) -> None:
         limits, (north, east, down) = self._limits, command.v_ned_m_s
@@ -94,10 +102,13 @@ class VelocityLimiter:
         down = min(max(down, -limits.max_up_m_s), limits.max_down_m_s)
         yaw_rate = min(max(command.yaw_rate_rad_s, -limits.max_yaw_rate_rad_s), limits.max_yaw_rate_rad_s)
         old_north, old_east, old_down = self._velocity
-        horizontal, vertical, yaw = self._accelerations(command.reason)
-        d_north, d_east = _shortened((north - old_north, east - old_east), horizontal * dt_s)
-        (d_down,) = _shortened((down - old_down,), vertical * dt_s)
-        (d_yaw,) = _shortened((yaw_rate - self._yaw_rate,), yaw * dt_s)
+        brakes = command.reason in BRAKES
+        horizontal = (limits.max_horizontal_accel_m_s2, limits.brake_horizontal_accel_m_s2)
+        vertical = (limits.max_vertical_accel_m_s2, limits.brake_vertical_accel_m_s2)
+        yaw = (limits.max_yaw_accel_rad_s2, limits.brake_yaw_accel_rad_s2)
+        d_north, d_east = _change((north, east), (old_north, old_east), *horizontal, dt_s, brakes)
+        (d_down,) = _change((down,), (old_down,), *vertical, dt_s, brakes)
+        (d_yaw,) = _change((yaw_rate,), (self._yaw_rate,), *yaw, dt_s, brakes)
         self._velocity = (old_north + d_north, old_east + d_east, old_down + d_down)
         self._yaw_rate += d_yaw
 
@@ -107,15 +118,6 @@ class VelocityLimiter:
             return min(self._limits.max_horizontal_m_s, math.hypot(*self._velocity[:2]))
         return self._limits.max_horizontal_m_s
 
-    def _accelerations(self, reason: CommandReason) -> tuple[float, float, float]:
-        """Horizontal, vertical and yaw. Braking is never softer than an ordinary change would be."""
-        c = self._limits
-        moving = (c.max_horizontal_accel_m_s2, c.max_vertical_accel_m_s2, c.max_yaw_accel_rad_s2)
-        if reason not in BRAKES:
-            return moving
-        brake = (c.brake_horizontal_accel_m_s2, c.brake_vertical_accel_m_s2, c.brake_yaw_accel_rad_s2)
-        return max(moving[0], brake[0]), max(moving[1], brake[1]), max(moving[2], brake[2])
-
     def _output(self, command: VelocityCommand, now_s: float) -> VelocityCommand:
         asked = (*command.v_ned_m_s, command.yaw_rate_rad_s)
         given = (*self._velocity, self._yaw_rate)
@@ -123,6 +125,16 @@ class VelocityLimiter:
         limited = changed and command.reason is CommandReason.TRACKING
         reason = CommandReason.LIMITED if limited else command.reason
         return VelocityCommand(self._velocity, self._yaw_rate, now_s, reason)
+
+
+def _change(
+    wanted: tuple[float, ...], old: tuple[float, ...], accel: float, brake: float, dt_s: float, brakes: bool
+) -> tuple[float, ...]:
+    """What may be added to `old` in this step: up to `brake` per second against the motion, else up to `accel`."""
+    change = tuple(w - o for w, o in zip(wanted, old, strict=True))
+    slows = sum(c * o for c, o in zip(change, old, strict=True)) < 0
+    limit = max(accel, brake) if brakes and slows else accel  # braking is never softer than an ordinary change
+    return _shortened(change, limit * dt_s)
 
 
 def _shortened(vector: tuple[float, ...], max_norm: float) -> tuple[float, ...]:

@@ -18,6 +18,7 @@ class CommandReason(str, Enum):
     NO_RANGE = "no_range"  # it may turn, but neither approach nor retreat
     HOLD_NO_TARGET = "hold_no_target"
     HOLD_STALE_TARGET = "hold_stale_target"
+    HOLD_STALE_COMMAND = "hold_stale_command"
     HOLD_NO_TELEMETRY = "hold_no_telemetry"
     HOLD_NOT_FINITE = "hold_not_finite"
     HOLD_FAULT = "hold_fault"  # an error in the estimate or a law; the record's `fault` says which

@@ -11,6 +11,8 @@ from tracker.messages import Array
 
 # Reports or frames further apart than this say nothing of the rate now (five missing reports at 10 Hz).
 MAX_GAP_S = 0.5
+# Reports or frames closer than this came bunched: their difference is quantisation, not a rate (100 Hz is fast enough).
+MIN_GAP_S = 0.01
 # Exposure and nearest report lie at most this far apart at 5 Hz reports; a line drawn further is a guess.
 MAX_EXTRAPOLATION_S = 0.2
 
@@ -32,7 +34,8 @@ class PointingTrack:
         if last is None:
             return
         dt_s = gimbal.t_s - last.t_s
-        if dt_s == 0:
+        if 0 <= dt_s < MIN_GAP_S:
+            self._last = last if dt_s == 0 else gimbal
             return
         if not 0 < dt_s <= MAX_GAP_S:
             self._rate = (0.0, 0.0)
@@ -65,14 +68,16 @@ class TargetRate:
         self.rate_rad_s = (0.0, 0.0)
 
     def update(self, t_s: float, sight: Array, measured_rad_s: tuple[float, float] | None = None) -> None:
-        """Take the line of sight (3,), base axes, of the frame at `t_s`; the same frame again changes nothing.
+        """Take the line of sight (3,), base axes, of the frame at `t_s`; the same frame again, or one that follows it
+        within `MIN_GAP_S`, changes nothing.
 
         `measured_rad_s` (elevation, azimuth) is used when it is known; else the difference to the last frame.
         After a gap, or when time ran back, the rate is zero.
         """
-        last, self._last = self._last, (t_s, sight)
-        if last is not None and t_s == last[0]:
+        last = self._last
+        if last is not None and 0 <= t_s - last[0] < MIN_GAP_S:
             return
+        self._last = (t_s, sight)
         if last is None or not 0 < t_s - last[0] <= MAX_GAP_S:
             self.rate_rad_s = (0.0, 0.0)
             return

@@ -8,10 +8,10 @@ State x = (cx_px, cy_px, ln w, ln h) and the rate of each per second; a measurem
               K  = P- H' S^-1,  x = x- + K y            posterior, covariance in Joseph form (filterpy)
 
 Q is continuous white-noise acceleration, and until the coast begins white-noise velocity of the centre: the shake of
-the camera, which no velocity predicts and which over a longer time goes to and fro and adds nothing. Densities are per second, so the frame rate does not enter. Q and R scale with the target's size
-sqrt(w h), so a setting means the same at every resolution and distance. The logarithm keeps
-sizes positive and makes a growth rate of one meaning at all sizes. Nothing that is not finite ever reaches filterpy,
-which would keep it for ever without a word.
+the camera, which no velocity predicts and which over a longer time goes to and fro and adds nothing. Densities are per
+second, so the frame rate does not enter. Q and R scale with the target's size sqrt(w h), so a setting means the same at
+every resolution and distance. The logarithm keeps sizes positive and makes a growth rate of one meaning at all sizes.
+Nothing that is not finite ever reaches filterpy, which would keep it for ever without a word.
 
 Lock-out. A gate may shut out the truth after a real jump. Two things reopen it: P grows while nothing is accepted, and
 outliers that agree among themselves for `relocate_s` open it at once: y_i^2 is added to each variance of the box, which
@@ -73,7 +73,7 @@ class FilterConfig:
     `coast_size_tau_s` are the time constants by which velocity and growth decay while nothing is accepted.
     """
 
-    # Fitted by replaying the boxes that the embedded `s` gave on the validation sequences (hand-held and drone cameras).
+    # Fitted by replaying the boxes that the embedded `s` gave on the validation sequences (hand-held, drone cameras).
     accel_sizes_s1_5: float = 0.6
     growth_accel_s1_5: float = 0.3
     shake_sizes_s0_5: float = 1.0

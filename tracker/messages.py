@@ -84,7 +84,7 @@ class TargetReason(str, Enum):
     LOW_SCORE = "low_score"
     GATED = "outside_gate"
     NO_CANDIDATE = "no_candidate"
-    NOT_FINITE = "not_finite"
+    NOT_FINITE = "not_finite"  # or of a size or place that no picture holds
     OUT_OF_VIEW = "out_of_view"
     COAST_EXPIRED = "coast_expired"
     REACQUIRED = "reacquired"

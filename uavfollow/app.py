@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -79,59 +80,103 @@ class App:
         self._guidance = guidance
         self._limiter = limiter
         self._intrinsics = intrinsics
+        SizeRange(reference_range_m, 1.0)  # raises ValueError now and not in flight
         self._reference_range_m = reference_range_m
         self._range: SizeRange | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self._seq = 0
+        self._latency_s = 0.0
 
     def start(self, frame: Frame | None, box: Box, telemetry: Telemetry, now_s: float) -> StepRecord:
-        """Select `box` in `frame` (None when candidates come from elsewhere). Raises ValueError when it cannot be."""
+        """Select `box` in `frame` (None when candidates come from elsewhere).
+
+        Raises ValueError when it cannot be; what was followed before is then followed on.
+        """
+        t_s = now_s if frame is None else frame.t_capture_s
+        if not (math.isfinite(t_s) and math.isfinite(now_s) and box.is_valid):
+            raise ValueError(f"box {box} at {t_s} s cannot be selected: a number that is not finite, or no size")
+        size_range = SizeRange(self._reference_range_m, (box.w_px * box.h_px) ** 0.5)
         if self._tracker is not None and frame is not None:
             with self._stopwatch.section("track"):
                 self._tracker.init(frame, box)
         with self._stopwatch.section("filter"):
-            target = self._target.start(box, now_s)
-            self._range = SizeRange(self._reference_range_m, (box.w_px * box.h_px) ** 0.5)
-            for law in (self._gimbal_law, self._guidance, self._limiter):
-                law.reset()
-            return self._conclude((), target, telemetry, now_s, None)
+            target = self._target.start(box, t_s)
+            self._range, self._latency_s = size_range, now_s - t_s
+            self._reset_laws()
+            return self._conclude((), target, telemetry, now_s, [])
 
-    def step(self, seen: Frame | Sequence[Candidate] | None, telemetry: Telemetry, now_s: float) -> StepRecord:
+    def step(
+        self,
+        seen: Frame | Sequence[Candidate] | None,
+        telemetry: Telemetry,
+        now_s: float,
+        t_capture_s: float | None = None,
+    ) -> StepRecord:
         """One cycle: a frame to search, candidates found elsewhere, or None for a picture that could not be read.
 
-        Never raises: an error of the tracker is a step without candidates; one of the estimate or of a law is a HOLD
-        of gimbal and vehicle. `fault` says what it was, and the next step goes on.
+        The target is that of the exposure: `Frame.t_capture_s`; for candidates `t_capture_s`, by default `now_s`; for
+        None as long ago as the picture before. So a picture that is old, or the same again, becomes a stale target.
+
+        Never raises for what was seen or measured: an error of the tracker is a step without candidates; one of the
+        estimate or of a law is a HOLD of gimbal and vehicle. `fault` says what it was, and the next step goes on.
         """
-        candidates, fault = self._search(seen, now_s)
+        faults: list[str] = []
+        t_s = self._exposure_s(seen, now_s, t_capture_s)
+        candidates = self._search(seen, t_s, faults)
         with self._stopwatch.section("filter"):
             try:
                 size = (float(self._intrinsics.width_px), float(self._intrinsics.height_px))
-                target = self._target.step(candidates, now_s, size)
+                target = self._target.step(candidates, t_s, size)
             except Exception as error:  # nothing is known of the target in this step
-                fault = self._survived("the target estimate", error)
-                target = TargetState(
-                    now_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0
-                )
-            return self._conclude(candidates, target, telemetry, now_s, fault)
+                faults.append(self._survived("the target estimate", error))
+                target = TargetState(t_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0)
+            return self._conclude(candidates, target, telemetry, now_s, faults)
 
-    def _search(
-        self, seen: Frame | Sequence[Candidate] | None, now_s: float
-    ) -> tuple[tuple[Candidate, ...], str | None]:
+    def _exposure_s(self, seen: Frame | Sequence[Candidate] | None, now_s: float, t_capture_s: float | None) -> float:
         if seen is None:
-            return (), "the picture could not be read"
-        if not isinstance(seen, Frame):
-            return tuple(seen), None
+            return now_s - self._latency_s if t_capture_s is None else t_capture_s
+        if isinstance(seen, Frame):
+            t_capture_s = seen.t_capture_s
+        elif t_capture_s is None:
+            t_capture_s = now_s
+        if math.isfinite(now_s - t_capture_s):
+            self._latency_s = now_s - t_capture_s
+        return t_capture_s
+
+    def _search(self, seen: Frame | Sequence[Candidate] | None, t_s: float, faults: list[str]) -> tuple[Candidate, ...]:
+        if seen is None:
+            faults.append("the picture could not be read")
+            return ()
+        try:
+            if not isinstance(seen, Frame):
+                return tuple(seen)
+            with self._stopwatch.section("track"):
+                return self._track(seen, t_s, faults)
+        except Exception as error:  # one bad frame must not end a flight; the reason is kept and logged
+            faults.append(self._survived("the tracker", error))
+            return ()
+
+    def _track(self, frame: Frame, t_s: float, faults: list[str]) -> tuple[Candidate, ...]:
+        height_px, width_px = frame.image_bgr_u8.shape[:2]
+        camera = self._intrinsics
         if self._tracker is None:
-            return (), "no tracker for this picture"
-        with self._stopwatch.section("track"):
-            try:
-                return self._tracker.update(seen, self._target.hint(now_s)), None
-            except Exception as error:  # one bad frame must not end a flight; the reason is kept and logged
-                return (), self._survived("the tracker", error)
+            faults.append("a picture came, but there is no tracker to search it")
+        elif (width_px, height_px) != (camera.width_px, camera.height_px):
+            faults.append(
+                f"the picture is {width_px}x{height_px}, the camera was said to give "
+                f"{camera.width_px}x{camera.height_px}: its pixels are no angles"
+            )
+        else:
+            return tuple(self._tracker.update(frame, self._target.hint(t_s)))
+        return ()
 
     def _survived(self, what: str, error: Exception) -> str:
         log.warning("step %d: %s failed: %r", self._seq, what, error)
         return f"{what} failed: {error!r}"
+
+    def _reset_laws(self) -> None:
+        for law in (self._gimbal_law, self._guidance, self._limiter):
+            law.reset()
 
     def _conclude(
         self,
@@ -139,13 +184,13 @@ class App:
         target: TargetState,
         telemetry: Telemetry,
         now_s: float,
-        fault: str | None,
+        faults: list[str],
     ) -> StepRecord:
         try:
             range_estimate, gimbal, velocity = self._decide(target, telemetry, now_s)
         except Exception as error:  # a law that fails commands nothing
-            fault = self._survived("a control law", error)
-            self._limiter.reset()
+            faults.append(self._survived("a control law", error))
+            self._reset_laws()
             range_estimate, hold = NO_RANGE, CommandReason.HOLD_FAULT
             gimbal = GimbalCommand(0.0, 0.0, None, None, telemetry.gimbal.frame, now_s, hold)
             velocity = VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, hold)
@@ -158,7 +203,7 @@ class App:
             range_estimate=range_estimate,
             gimbal_command=gimbal,
             velocity_command=velocity,
-            fault=fault,
+            fault="; ".join(faults) or None,
         )
         self._seq += 1
         return record

@@ -118,12 +118,14 @@ class TrackRun:
             t_s = first.t_capture_s
             self._keep(self._app.start(first, box, assumed_telemetry(t_s), t_s), last, files)
             for frame in self._timed(rest):
-                readable = frame is not None and frame.image_bgr_u8.shape == first.image_bgr_u8.shape
                 t_s = frame.t_capture_s if frame is not None else t_s + self._period_s
-                record = self._app.step(frame if readable else None, assumed_telemetry(t_s), t_s)
-                last = frame if readable and frame is not None else last
+                record = self._app.step(frame, assumed_telemetry(t_s), t_s)
+                if frame is not None and frame.image_bgr_u8.shape == first.image_bgr_u8.shape:
+                    last = frame
                 self._keep(record, last, files)
         except KeyboardInterrupt:
+            if not self.records:  # nothing to keep
+                raise
             return True
         finally:
             self._progress.close()

@@ -77,10 +77,11 @@ class TrailConfig:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """The line from vehicle to target: unit vector to the target on the ground, ground range, azimuth, yaw error."""
+    """The line from vehicle to target: unit vector on the ground, whether it is below, ground range, yaw error."""
 
     north: float
     east: float
+    below: bool
     ground_m: float
     yaw_error_rad: float
     yaw_weight: float
@@ -113,7 +114,7 @@ class TrailGuidance:
 
         `gimbal` and `vehicle` are those of the exposure (`target.t_s`) or the nearest reports. Zero with a HOLD reason
         when target, telemetry or a number is not usable. Without a usable range it only turns (NO_RANGE). Below
-        `min_standoff_m` nothing points towards the target, it only retreats (TOO_CLOSE).
+        `min_standoff_m` nothing points towards the target, it only retreats (TOO_CLOSE, or COASTING on a prediction).
         """
         hold = target_hold(target, now_s) or telemetry_hold(vehicle, gimbal, now_s)
         if hold is None and range_estimate.valid and not all_finite(range_estimate.range_m, range_estimate.sigma_m):
@@ -128,7 +129,12 @@ class TrailGuidance:
             self.reset()
             return VelocityCommand((0.0, 0.0, 0.0), yaw_rate, now_s, CommandReason.NO_RANGE)
         north, east, reason = self._horizontal(target, vehicle, line, now_s)
-        return VelocityCommand((north, east, self._down_m_s(vehicle)), yaw_rate, now_s, reason)
+        down = self._down_m_s(vehicle)
+        if line.ground_m < self._config.min_standoff_m:
+            north, east, down = _not_towards(line, north, east, down)
+            # A coast stays a coast: the limiter lets it gain no speed, and a retreat by a prediction may wait.
+            reason = CommandReason.COASTING if reason is CommandReason.COASTING else CommandReason.TOO_CLOSE
+        return VelocityCommand((north, east, down), yaw_rate, now_s, reason)
 
     def _line(
         self, target: TargetState, gimbal: GimbalState, intrinsics: Intrinsics, vehicle: VehicleState, range_m: float
@@ -137,14 +143,14 @@ class TrailGuidance:
         assert box is not None  # target_hold has seen to it
         to_ned = ned_from_gimbal(gimbal.pitch_rad, gimbal.yaw_rad, gimbal.frame, vehicle.yaw_rad)
         sight = to_ned @ GIMBAL_FROM_CAMERA @ intrinsics.ray(box.cx_px, box.cy_px)
-        north, east = float(sight[0]), float(sight[1])
+        north, east, below = float(sight[0]), float(sight[1]), float(sight[2]) >= 0.0
         share = math.hypot(north, east)
         yaw_error = wrap_pi(math.atan2(east, north) - vehicle.yaw_rad)
         # Straight below, the azimuth of the target is noise: the demand fades as in control/line_of_sight.py.
         yaw_weight = min(1.0, share / MIN_COS)
         if share * range_m < MIN_GROUND_RANGE_M:
-            return _Line(math.cos(vehicle.yaw_rad), math.sin(vehicle.yaw_rad), 0.0, yaw_error, yaw_weight)
-        return _Line(north / share, east / share, share * range_m, yaw_error, yaw_weight)
+            return _Line(math.cos(vehicle.yaw_rad), math.sin(vehicle.yaw_rad), below, 0.0, yaw_error, yaw_weight)
+        return _Line(north / share, east / share, below, share * range_m, yaw_error, yaw_weight)
 
     def _horizontal(
         self, target: TargetState, vehicle: VehicleState, line: _Line, now_s: float
@@ -168,10 +174,6 @@ class TrailGuidance:
                 self._coast_since_s = now_s
             decay = math.exp(-max(0.0, now_s - self._coast_since_s) / COAST_DECAY_S)
             north, east = north * decay, east * decay
-        if line.ground_m < c.min_standoff_m:
-            reason = CommandReason.TOO_CLOSE
-            towards = max(0.0, north * line.north + east * line.east)
-            north, east = north - towards * line.north, east - towards * line.east
         return north, east, reason
 
     def _tangential_m_s(self, line: _Line) -> float:
@@ -210,3 +212,10 @@ class TrailGuidance:
         speed = math.hypot(step_north, step_east) / dt_s
         scale = 1.0 if speed <= self._config.max_target_speed_m_s else self._config.max_target_speed_m_s / speed
         self._target_ne_m_s = (step_north / dt_s * scale, step_east / dt_s * scale)
+
+
+def _not_towards(line: _Line, north: float, east: float, down: float) -> tuple[float, float, float]:
+    """The velocity without its parts that lead to the target, on the ground and in height."""
+    towards = max(0.0, north * line.north + east * line.east)
+    down = min(down, 0.0) if line.below else max(down, 0.0)
+    return north - towards * line.north, east - towards * line.east, down

@@ -135,6 +135,49 @@ def test_the_angle_stays_within_the_stops():
     assert 0.99 <= out.yaw_rad <= 1.0
 
 
+@pytest.mark.parametrize("limit_deg", [170, 175, 180])
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_angle_never_jumps_from_one_yaw_stop_to_the_other(limit_deg, side):
+    limit = math.radians(limit_deg)
+    the_law = law(yaw_limits_rad=(-limit, limit))
+    for i in range(40):
+        now_s = NOW_S + i / 10
+        state = gimbal(0.0, side * math.radians(167), t_s=now_s)
+        out = the_law.step(target(640 if side > 0 else 0, t_s=now_s), state, CAMERA, now_s)
+        assert math.radians(160) < side * out.yaw_rad <= limit
+
+
+@pytest.mark.parametrize(("pitch_rad", "yaw_rad"), [(math.radians(45), 0.0), (0.0, 1.3), (0.0, -1.3)])
+@pytest.mark.parametrize("status", [TargetStatus.LOST, TargetStatus.LOCKED])
+def test_a_gimbal_reported_beyond_a_stop_is_not_sent_back_by_a_zero_rate(pitch_rad, yaw_rad, status):
+    out = law(yaw_limits_rad=(-1.0, 1.0)).step(target(status=status), gimbal(pitch_rad, yaw_rad), CAMERA, NOW_S)
+    assert rates(out) == (0.0, 0.0)
+    assert (out.pitch_rad, out.yaw_rad) == pytest.approx((pitch_rad, yaw_rad))
+
+
+@pytest.mark.parametrize("room_rad", [0.02, 0.05, 0.1])
+def test_the_rate_falls_before_a_stop_so_that_the_delay_cannot_carry_it_in(room_rad):
+    the_law = law(yaw_limits_rad=(-1.0, 1.0), loop_delay_s=0.2)
+    out = hold_still(the_law, 640, CENTRE[1], gimbal(0.0, 1.0 - room_rad), seconds=1.0)
+    assert 0 < out.yaw_rate_rad_s <= room_rad / 0.2 + 1e-9
+
+
+def test_reset_starts_from_rest():
+    the_law = law(max_accel_rad_s2=2.0)
+    assert hold_still(the_law, 640, CENTRE[1], gimbal(), seconds=1.0).yaw_rate_rad_s > 0.5
+    the_law.reset()
+    out = the_law.step(target(640, t_s=NOW_S + 1), gimbal(t_s=NOW_S + 1), CAMERA, NOW_S + 1)
+    assert out.yaw_rate_rad_s == pytest.approx(2.0 * 0.05)
+
+
+def test_time_that_goes_back_and_forth_is_no_time():
+    the_law = law(max_accel_rad_s2=2.0)
+    for i in range(20):
+        now_s = NOW_S - 0.2 * (i % 2)
+        out = the_law.step(target(640, t_s=now_s), gimbal(t_s=now_s), CAMERA, now_s)
+    assert out.yaw_rate_rad_s == pytest.approx(2.0 * 0.05)  # the first step's, no more
+
+
 def test_yaw_stops_are_not_those_of_the_earth_frame():
     state = gimbal(0.0, 1.0, frame=GimbalFrame.EARTH)
     out = hold_still(law(yaw_limits_rad=(-1.0, 1.0)), 640, CENTRE[1], state)

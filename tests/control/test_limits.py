@@ -20,10 +20,15 @@ def command(north=0.0, east=0.0, down=0.0, yaw_rate=0.0, reason=CommandReason.TR
     return VelocityCommand((north, east, down), yaw_rate, t_s, reason)
 
 
+def step(limiter, wanted, now_s):
+    """One step with a command that was made just now."""
+    return limiter.step(replace(wanted, t_s=now_s), now_s)
+
+
 def run(limiter, wanted, seconds, hz=20, start_s=0.0):
     out = None
     for i in range(round(seconds * hz)):
-        out = limiter.step(wanted, start_s + i / hz)
+        out = step(limiter, wanted, start_s + i / hz)
     return out
 
 
@@ -50,9 +55,9 @@ def test_up_and_down_have_their_own_limit():
 @pytest.mark.parametrize("hz", [10, 20, 50])
 def test_slew_is_per_second_at_every_rate(hz):
     limiter = VelocityLimiter(VelocityLimits())
-    limiter.step(command(), 0.0)
+    step(limiter, command(), 0.0)
     for i in range(1, hz + 1):
-        out = limiter.step(command(north=5.0, down=1.0, yaw_rate=9.0), i / hz)
+        out = step(limiter, command(north=5.0, down=1.0, yaw_rate=9.0), i / hz)
     assert out.v_ned_m_s == pytest.approx((2.0, 0.0, 1.0))
     assert out.yaw_rate_rad_s == pytest.approx(math.radians(45))
     assert out.reason is CommandReason.LIMITED
@@ -62,10 +67,10 @@ def test_slew_is_per_second_at_every_rate(hz):
 def test_a_hold_is_zero_at_once_whatever_it_asks_for(reason):
     limiter = VelocityLimiter(VelocityLimits())
     run(limiter, command(north=5.0, down=0.9, yaw_rate=0.6), 3.0)
-    out = limiter.step(command(north=5.0, down=1.0, yaw_rate=1.0, reason=reason), 3.0)
+    out = step(limiter, command(north=5.0, down=1.0, yaw_rate=1.0, reason=reason), 3.0)
     assert (out.v_ned_m_s, out.yaw_rate_rad_s, out.reason) == ((0.0, 0.0, 0.0), 0.0, reason)
     # and motion begins again from standstill
-    assert limiter.step(command(north=5.0), 3.05).v_ned_m_s[0] == pytest.approx(0.1)
+    assert step(limiter, command(north=5.0), 3.05).v_ned_m_s[0] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("reason", sorted(BRAKES))
@@ -76,6 +81,15 @@ def test_braking_is_harder_and_keeps_its_reason(reason):
     assert out.v_ned_m_s[0] == pytest.approx(2.5)
     assert out.reason is reason
     assert run(limiter, command(reason=reason), 0.55, start_s=3.5).v_ned_m_s == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("reason", sorted(BRAKES))
+def test_only_the_braking_is_harder_and_not_the_retreat(reason):
+    limiter = VelocityLimiter(VelocityLimits())
+    out = run(limiter, command(north=-5.0, down=-1.0, yaw_rate=1.0, reason=reason), 0.5)
+    assert out.v_ned_m_s[0] == pytest.approx(-2.0 * 0.5)
+    assert out.v_ned_m_s[2] == pytest.approx(-1.0 * 0.5)
+    assert out.yaw_rate_rad_s == pytest.approx(math.radians(90) * 0.5)
 
 
 def test_a_brake_limit_below_the_ordinary_one_does_not_soften_the_braking():
@@ -90,7 +104,7 @@ def test_a_coast_never_gains_horizontal_speed(north, east, wishes):
     limiter = VelocityLimiter(VelocityLimits())
     speed = math.hypot(*run(limiter, command(north, east), 1.0).v_ned_m_s[:2])
     for i, wish in enumerate(wishes):
-        out = limiter.step(command(*wish, reason=CommandReason.COASTING), 1.0 + 0.05 * i)
+        out = step(limiter, command(*wish, reason=CommandReason.COASTING), 1.0 + 0.05 * i)
         assert math.hypot(*out.v_ned_m_s[:2]) <= speed + 1e-9
         assert out.reason is CommandReason.COASTING
         speed = math.hypot(*out.v_ned_m_s[:2])
@@ -116,24 +130,45 @@ def test_not_finite_anywhere_is_zero_at_once(entry, bad):
     assert (out.v_ned_m_s, out.yaw_rate_rad_s) == ((0.0, 0.0, 0.0), 0.0)
     assert out.reason is CommandReason.HOLD_NOT_FINITE
     # and it starts again from standstill
-    assert limiter.step(command(north=2.0), 3.1).v_ned_m_s[0] <= 2.0 * 0.1 + 1e-9
+    assert step(limiter, command(north=2.0), 3.1).v_ned_m_s[0] <= 2.0 * 0.1 + 1e-9
+
+
+@pytest.mark.parametrize("age_s", [0.31, 1000.0, -0.1])
+def test_a_command_that_was_not_made_just_now_is_not_sent(age_s):
+    limiter = VelocityLimiter(VelocityLimits())
+    run(limiter, command(north=2.0, yaw_rate=0.5), 3.0)
+    out = limiter.step(command(north=2.0, yaw_rate=0.5, t_s=3.0 - age_s), 3.0)
+    assert (out.v_ned_m_s, out.yaw_rate_rad_s) == ((0.0, 0.0, 0.0), 0.0)
+    assert out.reason is CommandReason.HOLD_STALE_COMMAND
+    assert limiter.step(command(reason=CommandReason.HOLD_NO_TARGET), 3.05).reason is CommandReason.HOLD_NO_TARGET
+
+
+@pytest.mark.parametrize("back_s", [0.2, 0.9])
+def test_time_that_goes_back_and_forth_is_no_time(back_s):
+    limiter = VelocityLimiter(VelocityLimits())
+    step(limiter, command(), 100.0)
+    for _ in range(20):
+        step(limiter, command(north=5.0), 100.0 - back_s)
+        out = step(limiter, command(north=5.0), 100.0)
+    assert out.v_ned_m_s == (0.0, 0.0, 0.0)
+    assert step(limiter, command(north=5.0), 100.05).v_ned_m_s[0] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("step_s", [0.0, -5.0])
 def test_time_that_does_not_go_on_changes_nothing_but_a_hold_still_stops(step_s):
     limiter = VelocityLimiter(VelocityLimits())
     before = run(limiter, command(north=2.0), 2.0)
-    assert limiter.step(command(north=5.0), 1.95 + step_s).v_ned_m_s == before.v_ned_m_s
-    out = limiter.step(command(reason=CommandReason.HOLD_STALE_TARGET), 1.95 + 2 * step_s)
+    assert step(limiter, command(north=5.0), 1.95 + step_s).v_ned_m_s == before.v_ned_m_s
+    out = step(limiter, command(reason=CommandReason.HOLD_STALE_TARGET), 1.95 + 2 * step_s)
     assert out.v_ned_m_s == (0.0, 0.0, 0.0)
 
 
 def test_a_pause_is_not_one_large_step():
     limiter = VelocityLimiter(VelocityLimits())
-    limiter.step(command(), 0.0)
-    assert limiter.step(command(north=5.0), 0.9).v_ned_m_s[0] == pytest.approx(0.5)
+    step(limiter, command(), 0.0)
+    assert step(limiter, command(north=5.0), 0.9).v_ned_m_s[0] == pytest.approx(0.5)
     run(limiter, command(north=5.0), 3.0, start_s=1.0)
-    assert limiter.step(command(north=5.0), 10.0).v_ned_m_s[0] == pytest.approx(0.1)  # the autopilot has stopped
+    assert step(limiter, command(north=5.0), 10.0).v_ned_m_s[0] == pytest.approx(0.1)  # the autopilot has stopped
 
 
 @given(commands)
@@ -142,7 +177,7 @@ def test_never_more_than_asked_or_had_and_never_over_a_limit(sequence):
     limiter, before = VelocityLimiter(limits), (0.0, 0.0, 0.0, 0.0)
     for north, east, down, yaw_rate, reason, dt_s in sequence:
         now_s += dt_s
-        out = limiter.step(command(north, east, down, yaw_rate, reason), now_s)
+        out = step(limiter, command(north, east, down, yaw_rate, reason), now_s)
         given_now = (*out.v_ned_m_s, out.yaw_rate_rad_s)
         for asked, had, got in zip((north, east, down, yaw_rate), before, given_now, strict=True):
             assert min(0.0, asked, had) - 1e-9 <= got <= max(0.0, asked, had) + 1e-9

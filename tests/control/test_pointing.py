@@ -82,3 +82,21 @@ def test_a_measured_rate_is_taken_as_it_is():
     rate.update(0.0, np.array([1.0, 0.0, 0.0]))
     rate.update(0.1, np.array([1.0, 0.0, 0.0]), (0.2, -0.3))
     assert rate.rate_rad_s == (0.2, -0.3)
+
+
+@pytest.mark.parametrize("gap_s", [0.001, 5e-324])
+def test_bunched_reports_make_no_rate_of_their_own(gap_s):
+    first_s = 0.0 if gap_s < 1e-300 else 1.1
+    track = track_of((first_s - 0.1, 0.0, 0.0), (first_s, 0.0, 0.05), (first_s + gap_s, 0.0, 0.05 + math.radians(3)))
+    newest = 0.05 + math.radians(3)
+    assert track.at(first_s + gap_s + 0.1)[1] == pytest.approx(newest + 0.05)  # the rate of before, from the newest
+
+
+@pytest.mark.parametrize("gap_s", [0.001, 5e-324])
+def test_bunched_frames_make_no_rate_of_their_own(gap_s):
+    rate = TargetRate(0.0, 5.0)
+    rate.update(-0.1, direction_from_angles(0.0, 0.0))
+    rate.update(0.0, direction_from_angles(0.1, 0.0))
+    before = rate.rate_rad_s
+    rate.update(gap_s, direction_from_angles(0.2, 0.0))
+    assert rate.rate_rad_s == before

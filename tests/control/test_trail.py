@@ -87,6 +87,41 @@ def test_below_the_least_standoff_nothing_points_to_the_target(x, y, pitch, yaw,
     assert out.reason is CommandReason.TOO_CLOSE
 
 
+@pytest.mark.parametrize(("pitch_deg", "height_m", "down_m_s"), [(-90, 2.0, 0.0), (-90, 14.0, -2.0), (30, 14.0, 0.0)])
+def test_too_close_it_neither_descends_on_the_target_nor_climbs_into_it(pitch_deg, height_m, down_m_s):
+    out = look(4.0, config=TrailConfig(height_m=height_m), state=gimbal(math.radians(pitch_deg)))
+    assert out.reason is CommandReason.TOO_CLOSE
+    assert out.v_ned_m_s[2] == pytest.approx(down_m_s)
+
+
+def test_too_close_on_a_prediction_is_a_coast_that_leads_nowhere_near():
+    out = look(3.0, status=TargetStatus.COASTING)
+    assert out.reason is CommandReason.COASTING  # so the limiter lets it gain no speed
+    assert out.v_ned_m_s[0] <= 0.0
+
+
+@pytest.mark.parametrize("interruption", ["hold", "no_range"])
+def test_the_speed_of_the_target_is_not_fed_forward_across_an_interruption(interruption):
+    law = TrailGuidance(TrailConfig())
+    for i in range(60):
+        now_s = NOW_S + i / 20
+        moved = vehicle(t_s=now_s, pos_ned_m=(2.0 * i / 20, 0.0, -10.0))
+        out = law.step(target(t_s=now_s), gimbal(t_s=now_s), CAMERA, moved, distance(15.0), now_s)
+    assert out.v_ned_m_s[0] > 1.5
+    later = NOW_S + 3.0
+    status = TargetStatus.SEARCHING if interruption == "hold" else TargetStatus.LOCKED
+    far = distance(15.0) if interruption == "hold" else RangeEstimate(math.nan, math.nan, False)
+    law.step(target(t_s=later, status=status), gimbal(t_s=later), CAMERA, vehicle(t_s=later), far, later)
+    later += 0.05
+    out = law.step(target(t_s=later), gimbal(t_s=later), CAMERA, vehicle(t_s=later), distance(15.0), later)
+    assert out.v_ned_m_s == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_the_way_round_the_target_has_a_greatest_speed():
+    out = look(60.0, config=TrailConfig(standoff_m=60.0, bearing_rad=0.0))
+    assert math.hypot(*out.v_ned_m_s[:2]) == pytest.approx(3.0)
+
+
 def test_straight_above_the_target_the_way_out_is_backwards():
     out = look(10.0, state=gimbal(-math.pi / 2), craft=vehicle(math.pi / 2))
     assert out.v_ned_m_s == pytest.approx((0.0, -5.0, 0.0), abs=1e-9)

@@ -16,6 +16,7 @@ from tracker.filter import (
     COAST_GRACE_S,
     GATE_NIS,
     MAX_DT_S,
+    MIN_SIZE_PX,
     START_LN_SIZE,
     START_POS_SIZES,
     START_VEL_SIZES_S,
@@ -309,6 +310,27 @@ def test_an_outlier_run_ends_with_an_accepted_measurement():
         outlier = k % 5 != 0
         found = f.update(moved(BOX, 15 * SIZE_PX) if outlier else BOX, 0.9)
         assert found.accepted is not outlier
+
+
+def test_a_new_start_forgets_the_outliers():
+    f = started()
+    for k in range(1, 12):  # agreeing outliers for 0.37 s: the next would open the gate
+        f.predict(k / 30)
+        f.update(moved(BOX, 400.0), 0.9)
+    f.start(BOX, 12 / 30)
+    f.predict(13 / 30)
+    assert f.update(moved(BOX, 400.0), 0.9).reason is UpdateReason.OUTSIDE_GATE
+
+
+def test_the_size_stays_one_that_a_picture_can_hold():
+    f = started()
+    for k in range(1, 40):  # shrinks fast, then is not seen while the growth goes on
+        f.predict(k / 30)
+        side = max(0.6, 30.0 * math.exp(-0.15 * k))
+        f.update(Box(BOX.cx_px, BOX.cy_px, side, side), 1.0)
+    for k in range(40, 80):
+        f.predict(k / 30)
+        assert min(f.box.w_px, f.box.h_px) >= MIN_SIZE_PX - 1e-9
 
 
 def test_runs_need_number_time_place_size_and_no_gap():

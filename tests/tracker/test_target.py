@@ -82,6 +82,7 @@ TABLE = [
     ("not finite", until(1, STEADY, [seen(math.nan)]), 1.2, COASTING, TargetReason.NOT_FINITE),
     ("outside the gate", until(1, STEADY, [FAR]), 1.2, COASTING, TargetReason.GATED),
     ("weak outside the gate", until(1, STEADY, [seen(0.45, 6 * SIZE_PX)]), 1.02, COASTING, TargetReason.GATED),
+    ("weak and far for long", until(1, STEADY, [seen(0.5, 3 * SIZE_PX)]), 2.0, COASTING, TargetReason.LOW_SCORE),
     ("a jump that persists", until(1, STEADY, [seen(0.8, 0, 2.5 * SIZE_PX)]), 2.0, LOCKED, TargetReason.SEEN),
     ("the inlier wins", until(1, STEADY, [seen(0.99, 6 * SIZE_PX), seen(0.5)]), 1.2, LOCKED, TargetReason.SEEN),
     ("left the picture", leaving, 1.9, COASTING, TargetReason.OUT_OF_VIEW),
@@ -265,6 +266,15 @@ def test_start_again_takes_a_new_target_and_its_clock():
     assert (state.t_s, state.status) == (0.5, ACQUIRING)
     assert astuple(state.box) == pytest.approx((100.0, 100.0, 20.0, 20.0))
     assert state.confidence == 0.0
+
+
+def test_a_new_target_owes_nothing_to_the_sightings_of_the_old():
+    tracker = TargetTracker()
+    tracker.start(BOX, 0.0)
+    for k in range(1, 6):  # almost confirmed
+        tracker.step(STEADY, k / 30, IMAGE)
+    tracker.start(BOX, 6 / 30)
+    assert tracker.step(STEADY, 7 / 30, IMAGE).reason is TargetReason.CONFIRMING
 
 
 # --- hint and shift

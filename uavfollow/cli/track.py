@@ -80,7 +80,7 @@ def parse_tlog(text: str) -> Path:
 def _check_numbers(arguments: argparse.Namespace) -> None:
     for option, value, low, high in (
         ("--hfov-deg", arguments.hfov_deg, 1.0, 170.0),
-        ("--range-m", arguments.range_m, 1.0, 1000.0),
+        ("--range-m", arguments.range_m, 1.0, 500.0),
         ("--threads", arguments.threads, 1, 256),
         ("--max-frames", arguments.max_frames, 2, 10**9),
     ):

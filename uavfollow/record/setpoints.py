@@ -25,18 +25,20 @@ class SetpointTlog:
         self._packer = Packer(VEHICLE_SYSTEM, CONTROLLER_COMPONENT)
         self._start_unix_us = start_unix_us
         self._next_heartbeat_s = 0.0
+        self._frame = GimbalFrame.VEHICLE
 
     def write(self, record: StepRecord) -> None:
         """Append the messages of one step."""
         if record.t_s >= self._next_heartbeat_s:
             self._send(record.t_s, controller_heartbeat())
             self._next_heartbeat_s = record.t_s + HEARTBEAT_PERIOD_S
+        self._frame = record.gimbal_command.frame
         self._send(record.t_s, gimbal_rate(record.gimbal_command, ALL_GIMBALS, VEHICLE_SYSTEM))
         self._send(record.t_s, velocity_setpoint(record.velocity_command, VEHICLE_SYSTEM, record.t_s))
 
     def stop(self, t_s: float) -> None:
         """The stream's end: zero rate and zero velocity. On ArduPilot a gimbal rate goes on for ever without it."""
-        still = GimbalCommand(0.0, 0.0, None, None, GimbalFrame.VEHICLE, t_s, CommandReason.HOLD_NO_TARGET)
+        still = GimbalCommand(0.0, 0.0, None, None, self._frame, t_s, CommandReason.HOLD_NO_TARGET)
         hover = VelocityCommand((0.0, 0.0, 0.0), 0.0, t_s, CommandReason.HOLD_NO_TARGET)
         self._send(t_s, gimbal_rate(still, ALL_GIMBALS, VEHICLE_SYSTEM))
         self._send(t_s, velocity_setpoint(hover, VEHICLE_SYSTEM, t_s))
