@@ -14,6 +14,8 @@ CHANGE_TOLERANCE = 1e-9
 FIRST_STEP_S = 0.05
 # Longer steps are taken as this long, so that a pause cannot become one large jump of speed.
 MAX_STEP_S = 0.25
+# While coasting, horizontal speed falls by 1/e in this time: a bounded COAST (5 s) from 5 m/s ends below 0.1 m/s.
+COAST_DECAY_S = 1.0
 # After a silence this long the autopilot has stopped by itself (PX4 COM_OF_LOSS_T 1 s): start again from zero.
 RESTART_AFTER_S = 1.0
 # What they rest on is stale, missing or broken: zero at once. A ramp would be motion from data that is not there.
@@ -68,7 +70,8 @@ class VelocityLimiter:
         """The command that may be sent: NED m/s, yaw rate right + rad/s.
 
         Not finite (command or time): zero at once with HOLD_NOT_FINITE; a command that was not made just now: zero with
-        HOLD_STALE_COMMAND. A HOLD is zero at once, whatever it asks for. COASTING never gains horizontal speed. Time
+        HOLD_STALE_COMMAND. A HOLD is zero at once, whatever it asks for. COASTING loses horizontal speed by
+        `COAST_DECAY_S`. Time
         that stands still or runs back changes nothing but a HOLD. TRACKING becomes LIMITED when it was changed; any
         other reason is kept.
         """
@@ -98,7 +101,7 @@ class VelocityLimiter:
 
     def _advance(self, command: VelocityCommand, dt_s: float) -> None:
         limits, (north, east, down) = self._limits, command.v_ned_m_s
-        north, east = _shortened((north, east), self._max_horizontal_m_s(command.reason))
+        north, east = _shortened((north, east), self._max_horizontal_m_s(command.reason, dt_s))
         down = min(max(down, -limits.max_up_m_s), limits.max_down_m_s)
         yaw_rate = min(max(command.yaw_rate_rad_s, -limits.max_yaw_rate_rad_s), limits.max_yaw_rate_rad_s)
         old_north, old_east, old_down = self._velocity
@@ -112,10 +115,11 @@ class VelocityLimiter:
         self._velocity = (old_north + d_north, old_east + d_east, old_down + d_down)
         self._yaw_rate += d_yaw
 
-    def _max_horizontal_m_s(self, reason: CommandReason) -> float:
-        """A prediction may shrink or grow the target's box; neither is a reason to fly faster than when it was seen."""
+    def _max_horizontal_m_s(self, reason: CommandReason, dt_s: float) -> float:
+        """A prediction may shrink or grow the target's box; neither is a reason to fly on as when it was seen."""
         if reason is CommandReason.COASTING:
-            return min(self._limits.max_horizontal_m_s, math.hypot(*self._velocity[:2]))
+            speed = math.hypot(*self._velocity[:2]) * math.exp(-dt_s / COAST_DECAY_S)
+            return min(self._limits.max_horizontal_m_s, speed)
         return self._limits.max_horizontal_m_s
 
     def _output(self, command: VelocityCommand, now_s: float) -> VelocityCommand:

@@ -25,8 +25,6 @@ from control.messages import CommandReason, GimbalState, VehicleState, VelocityC
 from control.range import RangeEstimate
 from tracker.messages import TargetState, TargetStatus
 
-# While coasting, horizontal speed falls by 1/e in this time: a bounded COAST (5 s) ends below 1 % of the speed.
-COAST_DECAY_S = 1.0
 # Nearer than this on the ground the line to the target has no direction: the vehicle's tail is the way out instead.
 MIN_GROUND_RANGE_M = 0.5
 # Places further apart in time than this make no velocity; the estimate starts again from zero.
@@ -88,7 +86,7 @@ class _Line:
 
 
 class TrailGuidance:
-    """The trail law. Holds the target's velocity estimate and since when it coasts; no clock."""
+    """The trail law. Holds the target's velocity estimate; no clock."""
 
     def __init__(self, config: TrailConfig) -> None:
         self._config = config
@@ -99,7 +97,6 @@ class TrailGuidance:
         self._place_ne: tuple[float, float] | None = None
         self._place_s = 0.0
         self._target_ne_m_s = (0.0, 0.0)
-        self._coast_since_s: float | None = None
 
     def step(
         self,
@@ -128,11 +125,11 @@ class TrailGuidance:
         if not has_range:
             self.reset()
             return VelocityCommand((0.0, 0.0, 0.0), yaw_rate, now_s, CommandReason.NO_RANGE)
-        north, east, reason = self._horizontal(target, vehicle, line, now_s)
+        north, east, reason = self._horizontal(target, vehicle, line)
         down = self._down_m_s(vehicle)
         if line.ground_m < self._config.min_standoff_m:
             north, east, down = _not_towards(line, north, east, down)
-            # A coast stays a coast: the limiter lets it gain no speed, and a retreat by a prediction may wait.
+            # A coast stays a coast: the limiter slows it down, and a retreat by a prediction may wait.
             reason = CommandReason.COASTING if reason is CommandReason.COASTING else CommandReason.TOO_CLOSE
         return VelocityCommand((north, east, down), yaw_rate, now_s, reason)
 
@@ -153,13 +150,12 @@ class TrailGuidance:
         return _Line(north / share, east / share, below, share * range_m, yaw_error, yaw_weight)
 
     def _horizontal(
-        self, target: TargetState, vehicle: VehicleState, line: _Line, now_s: float
+        self, target: TargetState, vehicle: VehicleState, line: _Line
     ) -> tuple[float, float, CommandReason]:
         """North and east speed, and why."""
         c = self._config
         coasting = target.status is TargetStatus.COASTING
         if not coasting:
-            self._coast_since_s = None
             self._update_target_velocity(vehicle, line, target.t_s)
         radial = (line.ground_m - c.standoff_m) / c.position_time_s
         right = self._tangential_m_s(line)
@@ -167,14 +163,7 @@ class TrailGuidance:
         # (-east, north) is the horizontal direction to the right of the line to the target
         north = radial * line.north - right * line.east + feed_north
         east = radial * line.east + right * line.north + feed_east
-        reason = CommandReason.TRACKING
-        if coasting:
-            reason = CommandReason.COASTING
-            if self._coast_since_s is None:
-                self._coast_since_s = now_s
-            decay = math.exp(-max(0.0, now_s - self._coast_since_s) / COAST_DECAY_S)
-            north, east = north * decay, east * decay
-        return north, east, reason
+        return north, east, CommandReason.COASTING if coasting else CommandReason.TRACKING
 
     def _tangential_m_s(self, line: _Line) -> float:
         """Speed to the right of the line to the target that brings the vehicle to its bearing; 0 without one."""

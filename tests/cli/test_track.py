@@ -21,6 +21,7 @@ WRITTEN = {
     "overlay.mp4",
     "setpoints.tlog",
     "report.html",
+    "summary.json",
     "commands.png",
     "snapshots.jpg",
     "centre_error.png",

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.limits import BRAKES, HOLDS, VelocityLimiter, VelocityLimits
+from control.limits import BRAKES, COAST_DECAY_S, HOLDS, VelocityLimiter, VelocityLimits
 from control.messages import CommandReason, VelocityCommand
 
 speeds = st.floats(-30, 30)
@@ -110,13 +110,17 @@ def test_a_coast_never_gains_horizontal_speed(north, east, wishes):
         speed = math.hypot(*out.v_ned_m_s[:2])
 
 
-def test_a_coast_from_standstill_stays_there_and_one_in_motion_may_turn_and_slow_down():
+@pytest.mark.parametrize("hz", [10, 30])
+def test_a_coast_slows_down_whatever_it_asks_for_and_may_turn(hz):
     limiter = VelocityLimiter(VelocityLimits())
     assert run(limiter, command(north=3.0, reason=CommandReason.COASTING), 1.0).v_ned_m_s == (0.0, 0.0, 0.0)
-    run(limiter, command(north=3.0), 3.0, start_s=1.0)
-    out = run(limiter, command(north=0.0, east=1.0, reason=CommandReason.COASTING), 3.0, start_s=4.0)
-    assert out.v_ned_m_s[0] == pytest.approx(0.0)
-    assert 0.5 < out.v_ned_m_s[1] <= 1.0  # what the turn cost is not gained back
+    run(limiter, command(north=1.5), 3.0, start_s=1.0)
+    for i in range(1, 2 * hz + 1):
+        out = step(limiter, command(north=5.0, reason=CommandReason.COASTING), 3.95 + i / hz)
+    assert out.v_ned_m_s[0] == pytest.approx(1.5 * math.exp(-2.0 / COAST_DECAY_S))
+    out = run(limiter, command(east=1.0, reason=CommandReason.COASTING), 1.0, start_s=6.0)
+    assert out.v_ned_m_s[0] == pytest.approx(0.0, abs=1e-6)
+    assert 0 < out.v_ned_m_s[1] < 0.2
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])

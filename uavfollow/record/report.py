@@ -85,3 +85,4 @@ def write_report(
     numbers = html.escape("\n".join(summary.lines()))
     page = PAGE.format(title=html.escape(title), numbers=numbers, body="\n".join(body))
     folder.path("report.html").write_text(page)
+    folder.path("summary.json").write_text(summary.json() + "\n")

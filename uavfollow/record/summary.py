@@ -43,7 +43,7 @@ class TrackSummary:
     def show(self, as_json: bool) -> None:
         """Print it."""
         if as_json:
-            print(json.dumps(asdict(self), indent=1))
+            print(self.json())
             return
         print("\n".join(self.lines()))
         for path in self.files:
@@ -51,6 +51,10 @@ class TrackSummary:
         report = next((f for f in self.files if f.endswith("report.html")), None)
         if report is not None:
             print(f"report: {Path(report).resolve()}")
+
+    def json(self) -> str:
+        """The summary as JSON text."""
+        return json.dumps(asdict(self), indent=1)
 
     def lines(self) -> list[str]:
         """The summary as text, without the files."""

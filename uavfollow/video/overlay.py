@@ -18,6 +18,7 @@ COLOURS_BGR = {
 }
 TRUTH_BGR = (255, 255, 255)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+MIN_TEXT_SIZE = 0.4  # smaller letters melt together
 GRID_STEPS = (10, 20, 25, 50, 100, 200, 250, 500)
 GRID_LINES = 16  # about as many along the longer side
 
@@ -87,5 +88,10 @@ def _uncertainty(canvas: ImageU8, target: TargetState, colour: tuple[int, int, i
 
 
 def _text(canvas: ImageU8, text: str, at: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
-    cv2.putText(canvas, text, at, FONT, size, (0, 0, 0), max(3, round(4 * size)), cv2.LINE_AA)
-    cv2.putText(canvas, text, at, FONT, size, colour, max(1, round(1.4 * size)), cv2.LINE_AA)
+    """Text on a dark ground, `at` its lower left corner. (An outline is no way: a thicker font also runs wider.)"""
+    size = max(size, MIN_TEXT_SIZE)
+    thickness = max(1, round(1.4 * size))
+    (width, height), below = cv2.getTextSize(text, FONT, size, thickness)
+    corner, opposite = (at[0] - 3, at[1] - height - 3), (at[0] + width + 3, at[1] + below)
+    cv2.rectangle(canvas, corner, opposite, (0, 0, 0), cv2.FILLED)
+    cv2.putText(canvas, text, at, FONT, size, colour, thickness, cv2.LINE_AA)
