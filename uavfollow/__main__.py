@@ -25,6 +25,10 @@ def main(argv: list[str] | None = None) -> int:
         # The reader of our output (head, less) has gone; that is its right and no fault.
         sys.stderr.close()
         return EXIT_INTERRUPTED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"uavfollow: error: {where}{error.strerror or error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
 
 
 if __name__ == "__main__":

@@ -16,14 +16,15 @@ class Progress:
 
     def __init__(self, count: int | None) -> None:
         self._count = count
-        self._terminal = sys.stderr.isatty()
+        self._quiet = sys.stderr is None  # closed by the shell (2>&-)
+        self._terminal = not self._quiet and sys.stderr.isatty()
         self._start_s = self._shown_s = time.monotonic()
         self._open = False
 
     def show(self, done: int, target: TargetState) -> None:
         """Say how far it is, when it is time to."""
         now_s = time.monotonic()
-        if now_s - self._shown_s < (TERMINAL_PERIOD_S if self._terminal else LOG_PERIOD_S):
+        if self._quiet or now_s - self._shown_s < (TERMINAL_PERIOD_S if self._terminal else LOG_PERIOD_S):
             return
         self._shown_s = now_s
         rate = done / max(now_s - self._start_s, 1e-9)

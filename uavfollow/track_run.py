@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from tracker.target import TargetTracker
 from uavfollow.app import App, StepRecord, Target, Telemetry
 from uavfollow.errors import InputError
 from uavfollow.progress import Progress
-from uavfollow.record.output import OutputFolder
+from uavfollow.record.output import RUN_FILES, OutputFolder
 from uavfollow.record.report import Snapshots, write_report
 from uavfollow.record.setpoints import SetpointTlog
 from uavfollow.record.summary import TrackSummary, Truth, summarise
@@ -42,6 +43,7 @@ class TrackOptions:
     device: str
     threads: int
     raw: bool
+    box_given: bool
     out: Path
     tlog: Path | None
     video: bool
@@ -85,14 +87,16 @@ class TrackFiles:
         """Put everything into place; returns the paths."""
         assert self._tlog is not None
         self._tlog.close()
-        placed = self.folder.commit()
+        placed = self.folder.commit(replaces=RUN_FILES)
         return placed if self.tlog_elsewhere is None else [*placed, self.tlog_elsewhere]
 
     def abort(self) -> None:
         """Delete everything."""
-        if self._tlog is not None:
-            self._tlog.abort()
-        self.folder.abort()
+        try:
+            if self._tlog is not None:
+                self._tlog.abort()
+        finally:
+            self.folder.abort()
 
 
 class TrackRun:
@@ -158,8 +162,8 @@ class TrackRun:
             self._progress.show(number + 1, record.target)
 
 
-def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions) -> tuple[TrackSummary, bool]:
-    """Track `box` through the source and write the results. Second: whether the user interrupted.
+def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions) -> TrackSummary:
+    """Track `box` through the source and write the results.
 
     Raises InputError, and leaves nothing behind, when source, box, weights or output cannot be used. An interruption
     keeps what there is so far: that is how a camera run ends.
@@ -174,19 +178,39 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
     try:
         check_box(box, *size_px)
     except ValueError as error:
-        raise InputError(f"--box: {error}") from error
+        where = "--box" if options.box_given else "--truth, first row"
+        raise InputError(f"{where}: {error}") from error
     app, engine = _build(options, size_px, watch)
     files = TrackFiles(options, source.fps, size_px)
     try:
         run = TrackRun(app, source, truth, options, watch)
         interrupted = run.run(first, frames, box, files)
         files.finish(run.records[-1].t_s)
-        summary = summarise(source.name, source.fps, run.records, truth, options.model, engine, watch.spent_s)
-        write_report(files.folder, summary, run.records, truth, run.snapshots, raw=options.raw)
-        return summary.with_files(files.commit()), interrupted
+        summary = summarise(
+            source.name, source.fps, run.records, truth, options.model, engine, watch.spent_s,
+            _settings(options, source.fps, box), interrupted,
+        )  # fmt: skip
+        write_report(files.folder, summary, run.records, truth, run.snapshots, str(options.tlog or "setpoints.tlog"))
+        return summary.with_files(files.commit())
+    except OSError as error:
+        files.abort()
+        raise InputError(
+            f"--out {options.out}: {error.strerror or error}; free some space or choose another"
+        ) from error
     except BaseException:
         files.abort()
         raise
+
+
+def _settings(options: TrackOptions, fps: float, box: Box) -> dict[str, str | float | bool | None]:
+    return {
+        "box": ",".join(f"{v:g}" for v in box.to_xywh()),
+        "fps": fps,
+        "hfov_deg": round(math.degrees(options.hfov_rad), 3),
+        "range_m": options.range_m,
+        "max_frames": options.max_frames,
+        "raw": options.raw,
+    }
 
 
 def _build(options: TrackOptions, size_px: tuple[int, int], watch: Stopwatch) -> tuple[App, str]:

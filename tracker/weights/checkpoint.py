@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +24,20 @@ def read_checkpoint(path: Path) -> dict[str, torch.Tensor]:
     if not path.is_file():
         raise WeightsError(f"{path}: no such checkpoint")
     try:
-        loaded = torch.load(path, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # the unpickler raises whatever a damaged or hostile file provokes
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        # PyTorch's own text is not passed on: it advises to load the file in the way that runs its code.
         raise WeightsError(
-            f"{path}: not a PyTorch checkpoint of plain tensors, nothing was run or imported ({reason})"
+            f"{path}: not a PyTorch checkpoint of plain tensors ({type(error).__name__}); nothing was run or imported"
         ) from error
     state = loaded.get("state_dict", loaded) if isinstance(loaded, dict) else None
     if not isinstance(state, dict) or not all(isinstance(v, torch.Tensor) for v in state.values()):
         raise WeightsError(f"{path}: holds no state_dict of tensors")
+    dense = all(v.layout is torch.strided and v.device.type == "cpu" for v in state.values())
+    if not dense:
+        raise WeightsError(f"{path}: holds sparse or empty (meta) tensors, which no SiamAPN++ has")
     tensors = layout.strip({str(k): v for k, v in state.items()})
     layout.check(tensors, layout.size_of(tensors, str(path)), str(path))
     return tensors
@@ -44,11 +50,9 @@ def import_checkpoint(source: Path, target: Path) -> dict[str, Any]:
             raise WeightsError(f"{existing}: exists already; choose another --out or remove it")
     tensors = read_checkpoint(source)
     size = layout.size_of(tensors, str(source))
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        save(target, tensors)
-    except OSError as error:
-        raise WeightsError(f"{target}: cannot be written ({error})") from error
+    if not target.parent.is_dir():
+        raise WeightsError(f"{target}: there is no folder {target.parent}; make it first")
+    save(target, tensors)
     settings = TrackerSettings()
     shapes = layout.expected_shapes(SIZES[size])
     card: dict[str, Any] = {

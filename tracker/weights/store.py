@@ -19,6 +19,7 @@ from tracker.weights.errors import WeightsError
 EMBEDDED = Path(__file__).resolve().parent / "embedded"
 EMBEDDED_FILES = {size: EMBEDDED / f"siamapnpp-{size}-bootstrap.safetensors" for size in SIZES}
 SUFFIX = ".safetensors"
+READABLE_BY_ALL = 0o644
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,5 +91,11 @@ def save(path: Path, tensors: layout.Tensors) -> None:
     if too_large:
         raise WeightsError(f"{path}: values beyond fp16 in {', '.join(too_large[: layout.LISTED])}")
     part = path.with_suffix(path.suffix + ".part")
-    save_file(stored, part)
-    part.replace(path)
+    try:
+        save_file(stored, part)
+        part.chmod(READABLE_BY_ALL)  # safetensors makes it private
+        part.replace(path)
+    except (OSError, SafetensorError) as error:
+        if part.is_file():
+            part.unlink()
+        raise WeightsError(f"{path}: cannot be written ({error}); choose another place") from error

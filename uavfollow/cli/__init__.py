@@ -18,6 +18,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError instead of printing the whole usage."""
+        if "expected one argument" in message:
+            message += "; a value that begins with - is written with =, as in --box=-20,10,50,50"
         raise InputError(f"{message} (see `{self.prog} --help`)")
 
     def known_options(self) -> list[str]:
@@ -36,6 +38,8 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
 
 def run(argv: list[str]) -> int:
     """Parse and run. Raises InputError on anything the user must mend."""
+    for argument in argv:
+        _check_argument(argument)
     parser, commands = build_parser()
     arguments, unknown = parser.parse_known_args(argv)
     if unknown:
@@ -45,3 +49,12 @@ def run(argv: list[str]) -> int:
         raise InputError(f"unknown argument {unknown[0]}{hint}")
     code: int = arguments.run(arguments)
     return code
+
+
+def _check_argument(argument: str) -> None:
+    if not argument:
+        raise InputError("an argument is empty; is a variable of the shell not set?")
+    try:
+        argument.encode()
+    except UnicodeEncodeError as error:  # OpenCV ends the program on such a name
+        raise InputError(f"{argument!r} is not UTF-8; rename the file, or set LC_ALL=C.UTF-8") from error

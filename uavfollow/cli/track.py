@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, InputError
+from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, EXIT_SHORT, InputError
+from uavfollow.interrupts import orderly_end
 
 if TYPE_CHECKING:
     from tracker.box import Box
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 NAME = "track"
 GRID_NAME = "first_frame_grid.png"
+MAX_FAULTY_SHARE = 0.5  # with more of the frames unreadable the run has not done what it was asked for
 SPARE_CORES = 1  # left to video, MAVLink and the rest of the companion: spinning threads on all cores collapse
 EPILOG = """The setpoints are those for a camera that looks straight forward from a hovering vehicle and does not move:
 open loop. Their metres scale with --range-m, the range to the target at selection."""
@@ -66,6 +69,8 @@ def parse_tlog(text: str) -> Path:
     """The file of a tlog address. Raises InputError, also for a link: what is open loop must reach no vehicle."""
     from uavfollow.mavlink.address import AddressError, LinkKind, parse_address
 
+    if ":" not in text and not text.endswith(".tlog"):
+        raise InputError(f"--gimbal-mavlink {text}: is not the name of a tlog; let it end in .tlog")
     try:
         address = parse_address(text)
     except AddressError as error:
@@ -74,7 +79,30 @@ def parse_tlog(text: str) -> Path:
         raise InputError(
             f"--gimbal-mavlink {text}: these setpoints are open loop and are sent to no vehicle; give a file, OUT.tlog"
         )
-    return Path(address.path)
+    path = Path(address.path)
+    if not path.parent.is_dir():
+        raise InputError(f"--gimbal-mavlink {text}: there is no folder {path.parent}; make it first")
+    return path
+
+
+def default_out(name: str) -> Path:
+    """runs/track-NAME, with a number when a run lies there already: a second source may have the same name."""
+    first = Path("runs") / f"track-{name}"
+    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
+    return next(p for p in itertools.chain([first], numbered) if not (p / "report.html").exists())
+
+
+def _check_places(arguments: argparse.Namespace, out: Path) -> None:
+    """Nothing that is read may be written over, and no output may become a picture of the source."""
+    from uavfollow.record.output import RUN_FILES
+
+    source = Path(arguments.source)
+    if source.is_dir() and out.exists() and any(out.samefile(p) for p in (source, source / "img") if p.is_dir()):
+        raise InputError(f"--out {out}: is the folder of the images; choose another")
+    for given in (arguments.source, arguments.truth, arguments.model):
+        for name in (*RUN_FILES, GRID_NAME):
+            if given is not None and (out / name).is_file() and Path(given).exists() and (out / name).samefile(given):
+                raise InputError(f"--out {out}: {given} lies there under a name that would be written; choose another")
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:
@@ -100,14 +128,18 @@ def _run(arguments: argparse.Namespace) -> int:
         check_length(arguments.truth, truth, source.count)
     if truth is not None and source.count is None:
         raise InputError("--truth goes with recorded material, not with a camera")
-    out = arguments.out or Path("runs") / f"track-{source.name}"
+    out = arguments.out or default_out(source.name)
+    _check_places(arguments, out)
     box = _initial_box(arguments, truth, source, out)
     from uavfollow.track_run import run_track
 
     options = _options(arguments, out, tlog)
-    summary, interrupted = run_track(source, box, truth, options)
+    with orderly_end():
+        summary = run_track(source, box, truth, options)
     summary.show(as_json=arguments.json)
-    return EXIT_INTERRUPTED if interrupted else EXIT_DONE
+    if summary.interrupted:
+        return EXIT_INTERRUPTED
+    return EXIT_SHORT if summary.faults > MAX_FAULTY_SHARE * summary.frames else EXIT_DONE
 
 
 def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> TrackOptions:
@@ -119,6 +151,7 @@ def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> Tra
         device=arguments.device,
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
         raw=arguments.raw,
+        box_given=bool(arguments.box),
         out=out,
         tlog=tlog,
         video=not arguments.no_video,
@@ -142,13 +175,16 @@ def _initial_box(arguments: argparse.Namespace, truth: list[Box | None] | None, 
 
 
 def _write_grid(frame: Frame | None, out: Path) -> Path:
-    import cv2
-
     from uavfollow.record.output import OutputFolder
     from uavfollow.video.overlay import draw_grid
+    from uavfollow.video.writer import write_image
 
     if frame is None:
         raise InputError("the first frame cannot be read")
     folder = OutputFolder(out)
-    cv2.imwrite(str(folder.path(GRID_NAME)), draw_grid(frame.image_bgr_u8))
-    return folder.commit()[0]
+    try:
+        write_image(folder.path(GRID_NAME), draw_grid(frame.image_bgr_u8))
+        return folder.commit()[0]
+    except BaseException:
+        folder.abort()
+        raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -73,5 +74,5 @@ def _import(arguments: argparse.Namespace) -> int:
     except WeightsError as error:
         raise InputError(str(error)) from error
     print(f"{target}: SiamAPN++ `{card['size']}`, {card['parameters']:,} parameters, sha256 {card['sha256'][:12]}...")
-    print(f"use it with: uavfollow track SOURCE --box X,Y,W,H --model {target}")
+    print(f"use it with: uavfollow track SOURCE --box X,Y,W,H --model {shlex.quote(str(target))}")
     return EXIT_DONE

@@ -5,6 +5,7 @@ The low two bits of the time are the number of the link, as MAVProxy writes and 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import struct
 from collections.abc import Iterator
@@ -81,7 +82,8 @@ class TlogWriter:
     def abort(self) -> None:
         """Delete the recording instead of keeping it; does nothing after `close`."""
         if not self._file.closed:
-            self._file.close()
+            with contextlib.suppress(OSError):  # a full disk refuses the rest, which is not wanted
+                self._file.close()
             self._partial.unlink(missing_ok=True)
 
     def __enter__(self) -> TlogWriter:

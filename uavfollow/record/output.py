@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from uavfollow.errors import InputError
+
+# What a tracking run may write. One that another run left and this one does not make would tell of that other run.
+RUN_FILES = (
+    "track.csv", "overlay.mp4", "setpoints.tlog", "report.html", "summary.json", "snapshots.jpg", "centre_error.png",
+    "commands.png",
+)  # fmt: skip
 
 
 class OutputFolder:
@@ -25,13 +32,22 @@ class OutputFolder:
             ) from error
 
     def path(self, name: str) -> Path:
-        """Where to write a file of this name until `commit`."""
+        """Where to write a file of this name until `commit`. Raises InputError when a folder stands in its place."""
+        if (self.target / name).is_dir():
+            raise InputError(f"--out {self.target}: {name} is a folder there; remove it or choose another --out")
         return self.work / name
 
-    def commit(self) -> list[Path]:
-        """Move every file into place, replacing those of the same name; returns the final paths."""
+    def commit(self, replaces: Iterable[str] = ()) -> list[Path]:
+        """Move every file into place, replacing those of the same name; returns the final paths.
+
+        Files named in `replaces` that were not made this time are deleted.
+        """
+        made = sorted(self.work.iterdir())
+        for name in replaces:
+            if not (self.work / name).exists() and (self.target / name).is_file():
+                (self.target / name).unlink()
         final = []
-        for path in sorted(self.work.iterdir()):
+        for path in made:
             destination = self.target / path.name
             path.replace(destination)
             final.append(destination)

@@ -68,9 +68,9 @@ def plot_centre_error(path: Path, records: Sequence[StepRecord], errors_px: Any,
 
 def plot_commands(path: Path, records: Sequence[StepRecord], title: str) -> None:
     """Confidence, gimbal rates and velocity setpoints over time; status as background."""
-    figure, (confidence, gimbal, velocity) = _figure(3, 7.2)
+    figure, (confidence, gimbal, velocity, turn) = _figure(4, 8.8)
     t_s = [r.t_s for r in records]
-    for axis in (confidence, gimbal, velocity):
+    for axis in (confidence, gimbal, velocity, turn):
         _shade(axis, records)
     confidence.plot(t_s, [r.target.confidence for r in records], color="#222222", lw=1.2)
     confidence.set(ylabel="confidence", ylim=(0, 1.02), title=title)
@@ -81,7 +81,9 @@ def plot_commands(path: Path, records: Sequence[StepRecord], title: str) -> None
     gimbal.set_ylabel("gimbal [deg/s]")
     for axis_index, name in enumerate(("north", "east", "down")):
         velocity.plot(t_s, [r.velocity_command.v_ned_m_s[axis_index] for r in records], label=name)
-    velocity.set(ylabel="velocity [m/s]", xlabel="time [s]")
-    gimbal.legend(**LEGEND)
-    velocity.legend(**LEGEND)
+    velocity.set(ylabel="vehicle [m/s]")
+    turn.plot(t_s, [r.velocity_command.yaw_rate_rad_s * degrees for r in records], label="yaw rate (right +)")
+    turn.set(ylabel="vehicle [deg/s]", xlabel="time [s]")
+    for axis in (gimbal, velocity, turn):
+        axis.legend(**LEGEND)
     figure.savefig(path, dpi=110)

@@ -14,6 +14,7 @@ from uavfollow.app import StepRecord
 from uavfollow.record.output import OutputFolder
 from uavfollow.record.plots import plot_centre_error, plot_commands
 from uavfollow.record.summary import TrackSummary, Truth
+from uavfollow.video.writer import write_image
 
 SNAPSHOTS = 6
 COLUMNS = 3
@@ -27,7 +28,7 @@ img{{max-width:100%}}pre{{background:#f4f4f4;padding:1em;overflow:auto}}</style>
 <h1>{title}</h1>
 <pre>{numbers}</pre>
 {body}
-<p>Setpoints: <code>setpoints.tlog</code> (open with MAVProxy, MAVExplorer or <code>mavlogdump.py</code>). They are open
+<p>Setpoints: <code>{tlog}</code> (open with MAVProxy, MAVExplorer or <code>mavlogdump.py</code>). They are open
 loop: a camera that looks straight forward from a hovering vehicle and does not move; metres scale with the assumed
 range. Rows: <code>track.csv</code>.</p>
 </html>
@@ -67,14 +68,14 @@ def write_report(
     records: Sequence[StepRecord],
     truth: Truth,
     snapshots: Snapshots,
-    raw: bool,
+    tlog: str,
 ) -> None:
-    """Write report.html and its pictures into the folder."""
-    title = f"{summary.source}, model {summary.model}{', raw tracker' if raw else ''}"
+    """Write report.html and its pictures into the folder. `tlog` is where the setpoints are."""
+    title = f"{summary.source}, model {summary.model}{', raw tracker' if summary.settings.get('raw') else ''}"
     body = []
     sheet = snapshots.sheet()
     if sheet is not None:
-        cv2.imwrite(str(folder.path("snapshots.jpg")), sheet)
+        write_image(folder.path("snapshots.jpg"), sheet)
         body.append('<img src="snapshots.jpg" alt="snapshots">')
     if truth is not None:
         errors = centre_errors_px([r.target.box for r in records], truth[: len(records)])
@@ -83,6 +84,6 @@ def write_report(
     plot_commands(folder.path("commands.png"), records, title)
     body.append('<img src="commands.png" alt="confidence and setpoints over time">')
     numbers = html.escape("\n".join(summary.lines()))
-    page = PAGE.format(title=html.escape(title), numbers=numbers, body="\n".join(body))
+    page = PAGE.format(title=html.escape(title), numbers=numbers, body="\n".join(body), tlog=html.escape(tlog))
     folder.path("report.html").write_text(page)
     folder.path("summary.json").write_text(summary.json() + "\n")

@@ -20,7 +20,10 @@ SECTIONS = ("read", "track", "filter", "write")
 
 @dataclass(frozen=True, slots=True)
 class TrackSummary:
-    """`rates_fps` is frames per second of each section alone, `total` of all together; `scores` None without truth."""
+    """`rates_fps` is frames per second of each section alone, `total` of all together; `scores` None without truth.
+
+    `settings` is what the user chose and what the numbers depend on.
+    """
 
     source: str
     model: str
@@ -34,6 +37,8 @@ class TrackSummary:
     scores: Scores | None
     faults: int
     first_fault: str | None
+    settings: dict[str, str | float | bool | None]
+    interrupted: bool
     files: tuple[str, ...] = ()
 
     def with_files(self, files: Sequence[Path]) -> TrackSummary:
@@ -61,9 +66,10 @@ class TrackSummary:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.status_share.items())
         rates = ", ".join(f"{name} {self.rates_fps[name]:.0f}" for name in SECTIONS if name in self.rates_fps)
         lines = [
-            f"{self.source}: {self.frames} frames, {self.duration_s:.1f} s, model {self.model}, {self.engine}",
+            f"{self.source}: {self.frames} frames{', then interrupted' if self.interrupted else ''}, "
+            f"{self.duration_s:.1f} s, model {self.model}, {self.engine}",
             f"  status: {shares}",
-            f"  frames per second: {self.rates_fps['total']:.1f} in all ({rates} each alone)",
+            f"  frames per second: {self.rates_fps['total']:.1f}; if it were alone: {rates}",
             f"  processor: {self.cpu}",
         ]
         if self.scores is not None and self.scores.auc is not None and self.scores.p20 is not None:
@@ -74,7 +80,10 @@ class TrackSummary:
         elif self.scores is not None:
             lines.append("  no scores: the truth has no frame with a target")
         if self.faults:
-            lines.append(f"  {self.faults} frames with a fault; the first: {self.first_fault}")
+            frames = "frame" if self.faults == 1 else "frames"
+            lines.append(f"  {self.faults} {frames} with a fault; the first: {self.first_fault}")
+        chosen = ", ".join(f"{k} {v}" for k, v in self.settings.items() if v is not None and v is not False)
+        lines.append(f"  settings: {chosen}")
         return lines
 
 
@@ -86,6 +95,8 @@ def summarise(
     model: str,
     engine: str,
     spent_s: dict[str, float],
+    settings: dict[str, str | float | bool | None],
+    interrupted: bool,
 ) -> TrackSummary:
     """Count, rate and score a run."""
     count = len(records)
@@ -106,4 +117,6 @@ def summarise(
         scores=score([r.target.box for r in records], truth[:count]) if truth is not None else None,
         faults=len(faults),
         first_fault=faults[0] if faults else None,
+        settings=settings,
+        interrupted=interrupted,
     )

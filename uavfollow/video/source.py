@@ -23,6 +23,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # AV_LOG_QUIET
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 IMAGE_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".ppm", ".webp"}
+GENERIC_NAMES = {"img", "imgs", "image", "images", "frames"}
 DEFAULT_FPS = 30.0
 FPS_RANGE = (0.1, 1000.0)
 MAX_CAMERA_INDEX = 63
@@ -50,7 +51,7 @@ class ImageFolder:
         self._paths = _images(self._folder)
         if not self._paths:
             raise InputError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
-        self.name = folder.resolve().name
+        self.name = _telling_name(folder.resolve())
         self.fps = fps
         self.count: int | None = len(self._paths)
         if _read_image(self._paths[0]) is None:
@@ -109,7 +110,10 @@ class VideoFile:
                 ok, image = capture.read()
                 if not ok:
                     if seq < (self.count or 0) - TAIL_FRAMES:
-                        raise InputError(f"{self._path}: truncated or damaged: no frame after number {seq - 1}")
+                        raise InputError(
+                            f"{self._path}: damaged: no frame after number {seq - 1}; "
+                            f"--max-frames {seq} tracks what comes before"
+                        )
                     return
                 t_s = seq / self.fps
                 yield Frame(np.asarray(image, dtype=np.uint8), seq, t_s, t_s)
@@ -158,7 +162,10 @@ def open_source(text: str, fps: float | None) -> FrameSource:
         return VideoFile(path, fps)
     if re.fullmatch(r"\d{1,2}", text) and int(text) <= MAX_CAMERA_INDEX:
         return Camera(int(text), fps)
-    raise InputError(f"{text}: no such file or folder (a source is a video file, an image folder or a camera index)")
+    raise InputError(
+        f"{text}: no such file or folder (a source is a video file, an image folder, or a camera index "
+        f"0..{MAX_CAMERA_INDEX})"
+    )
 
 
 def _check_binary(path: Path) -> None:
@@ -172,6 +179,11 @@ def _check_binary(path: Path) -> None:
         raise InputError(f"{path}: the file is empty")
     if b"\0" not in head and head.isascii():
         raise InputError(f"{path}: not a readable video but a text file")
+
+
+def _telling_name(folder: Path) -> str:
+    """The folder's name; its parent's when it is only called "images"."""
+    return folder.parent.name if folder.name.lower() in GENERIC_NAMES and folder.parent.name else folder.name
 
 
 def _numeric(path: Path) -> tuple[list[int], str]:
