@@ -136,6 +136,15 @@ def test_misuse_is_told() -> None:
             TorchEngine(SiamAPNpp(SIZES["s"]), Precision.FP32, "cuda")
 
 
+def test_the_engine_leaves_the_processors_arithmetic_as_it_was() -> None:
+    smallest_normal = float.fromhex("0x1p-1022")
+    assert smallest_normal / 2 > 0.0
+    engine = TorchEngine(SiamAPNpp(SIZES["s"]), Precision.FP32, "cpu")
+    engine.set_exemplar(np.zeros((127, 127, 3), np.uint8))
+    engine.search(np.zeros((287, 287, 3), np.uint8))
+    assert smallest_normal / 2 > 0.0  # denormals are flushed inside the network only
+
+
 def test_random_weights_on_1000_random_frames_stay_finite_and_bounded() -> None:
     torch.manual_seed(3)
     network = SiamAPNpp(SIZES["s"]).eval()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 
 import numpy as np
@@ -46,8 +48,6 @@ class TorchEngine:
                 parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
         self._template: Template | None = None
         self.name = f"torch-{torch.__version__.split('+')[0]}/{self._device.type}/{precision.value}"
-        # Denormals in the response maps of a lost target cost more time than the whole network.
-        torch.set_flush_denormal(True)
 
     def _tensor(self, crop_bgr_u8: ImageU8) -> torch.Tensor:
         # (H, W, 3) seen as (1, 3, H, W) is channels_last already: nothing is copied but the conversion to float.
@@ -57,14 +57,16 @@ class TorchEngine:
     @torch.inference_mode()
     def set_exemplar(self, crop_bgr_u8: ImageU8) -> None:
         """Compute and keep the template kernels of an exemplar crop, (127, 127, 3)."""
-        self._template = self._network.template(self._tensor(crop_bgr_u8))
+        with _denormals_flushed():
+            self._template = self._network.template(self._tensor(crop_bgr_u8))
 
     @torch.inference_mode()
     def search(self, crop_bgr_u8: ImageU8) -> ResponseMaps:
         """Maps of a search crop, (S, S, 3). Raises RuntimeError before `set_exemplar`."""
         if self._template is None:
             raise RuntimeError("search() before set_exemplar(): the engine has no template")
-        maps = self._network.search(self._template, self._tensor(crop_bgr_u8))
+        with _denormals_flushed():
+            maps = self._network.search(self._template, self._tensor(crop_bgr_u8))
         return ResponseMaps(
             cls1=_numpy(maps.cls1),
             cls2=_numpy(maps.cls2),
@@ -72,6 +74,19 @@ class TorchEngine:
             loc=_numpy(maps.loc),
             anchor=_numpy(maps.anchor),
         )
+
+
+@contextmanager
+def _denormals_flushed() -> Iterator[None]:
+    """Denormals in the maps of a lost target cost more time than the whole network.
+
+    Only here: the switch is the processor's, and the filter and the control laws count on IEEE arithmetic.
+    """
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
 
 
 def _numpy(map_: torch.Tensor) -> FloatMap:
