@@ -87,6 +87,7 @@ class TargetReason(str, Enum):
     NOT_FINITE = "not_finite"  # or of a size or place that no picture holds
     OUT_OF_VIEW = "out_of_view"
     COAST_EXPIRED = "coast_expired"
+    COAST_UNSURE = "coast_unsure"  # the prediction could be outside of what is searched
     REACQUIRED = "reacquired"
     GAVE_UP = "gave_up"
     TIME_WENT_BACK = "time_went_back"

@@ -147,18 +147,23 @@ class TargetTracker:
         if unseen_s >= c.give_up_s:
             self._rest(TargetStatus.LOST, TargetReason.GAVE_UP)
             return None
-        if self._status is TargetStatus.ACQUIRING:
-            over = t_s - self._start_s + TIME_EPS_S >= c.acquire_s
-        elif self._status is TargetStatus.SEARCHING:
-            over = False
-        else:
-            over = unseen_s >= c.coast_s or self._ellipse_share(self._filter.box, self._filter.cov) > 1.0
-        if not over:
+        reason = self._over(t_s, unseen_s)
+        if reason is not None:
+            self._status = TargetStatus.SEARCHING
+            self._run.clear()
+        return reason
+
+    def _over(self, t_s: float, unseen_s: float) -> TargetReason | None:
+        """Why it must be searched for from now on, or None."""
+        if self._status is TargetStatus.SEARCHING:
             return None
-        acquiring = self._status is TargetStatus.ACQUIRING
-        self._status = TargetStatus.SEARCHING
-        self._run.clear()
-        return TargetReason.NOT_CONFIRMED if acquiring else TargetReason.COAST_EXPIRED
+        if self._status is TargetStatus.ACQUIRING:
+            late = t_s - self._start_s + TIME_EPS_S >= self._config.acquire_s
+            return TargetReason.NOT_CONFIRMED if late else None
+        if unseen_s >= self._config.coast_s:
+            return TargetReason.COAST_EXPIRED
+        unsure = self._ellipse_share(self._filter.box, self._filter.cov) > 1.0
+        return TargetReason.COAST_UNSURE if unsure else None
 
     def _look(self, candidates: Sequence[Candidate], t_s: float) -> TargetReason:
         """Choose among the candidates and move the status by what was seen."""

@@ -18,7 +18,7 @@ def check_packages(names: tuple[str, ...] = OURS) -> None:
         spec = importlib.util.find_spec(name)
         places = [Path(p) for p in (spec.submodule_search_locations or [])] if spec else []
         if not spec:
-            raise InputError(f"package `{name}` of uavfollow is missing; reinstall: python -m pip install uavfollow")
+            raise InputError(f"package `{name}` of uavfollow is missing; reinstall it (README)")
         if any((place / MARKER).is_file() for place in places):
             continue
         where = places[0] if places else Path(spec.origin or "?")

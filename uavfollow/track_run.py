@@ -18,9 +18,11 @@ from tracker.messages import Frame, ImageU8
 from tracker.raw import RawTarget
 from tracker.siamapnpp.tracker import check_box
 from tracker.target import TargetTracker
+from uavfollow import __version__
 from uavfollow.app import App, StepRecord, Target, Telemetry
 from uavfollow.errors import InputError
 from uavfollow.progress import Progress
+from uavfollow.record.commands_csv import CommandsCsv
 from uavfollow.record.output import RUN_FILES, OutputFolder
 from uavfollow.record.report import Snapshots, write_report
 from uavfollow.record.setpoints import SetpointTlog
@@ -44,6 +46,7 @@ class TrackOptions:
     threads: int
     raw: bool
     box_given: bool
+    truth: str | None
     out: Path
     tlog: Path | None
     video: bool
@@ -61,6 +64,7 @@ class TrackFiles:
         self._tlog: SetpointTlog | None = None
         try:
             self._csv = TrackCsv(self.folder.path("track.csv"))
+            self._commands = CommandsCsv(self.folder.path("commands.csv"))
             self._tlog = SetpointTlog(options.tlog or self.folder.path("setpoints.tlog"), time.time_ns() // 1000)
             self._video = VideoSink(self.folder.path("overlay.mp4"), fps, size_px) if options.video else None
         except BaseException:
@@ -71,6 +75,7 @@ class TrackFiles:
         """Append one step."""
         assert self._tlog is not None
         self._csv.write(record.seq, record.target)
+        self._commands.write(record)
         self._tlog.write(record)
         if self._video is not None and overlay is not None:
             self._video.write(overlay)
@@ -78,6 +83,7 @@ class TrackFiles:
     def finish(self, t_s: float) -> None:
         """Complete rows and video; the setpoint stream ends with an explicit stop."""
         self._csv.close()
+        self._commands.close()
         if self._video is not None:
             self._video.close()
         assert self._tlog is not None
@@ -149,7 +155,7 @@ class TrackRun:
         with self._watch.section("write"):
             number = len(self.records)
             truth = self._truth[number] if self._truth is not None else None
-            wanted = self.snapshots.wants(number)
+            wanted = self.snapshots.wants(number, record.target.status)
             overlay = (
                 draw_state(last.image_bgr_u8, record.target, truth, self._label) if self._draws or wanted else None
             )
@@ -188,7 +194,7 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
         files.finish(run.records[-1].t_s)
         summary = summarise(
             source.name, source.fps, run.records, truth, options.model, engine, watch.spent_s,
-            _settings(options, source.fps, box), interrupted,
+            _settings(options, source, box), interrupted,
         )  # fmt: skip
         write_report(files.folder, summary, run.records, truth, run.snapshots, str(options.tlog or "setpoints.tlog"))
         return summary.with_files(files.commit())
@@ -202,14 +208,17 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
         raise
 
 
-def _settings(options: TrackOptions, fps: float, box: Box) -> dict[str, str | float | bool | None]:
+def _settings(options: TrackOptions, source: FrameSource, box: Box) -> dict[str, str | float | bool | None]:
     return {
         "box": ",".join(f"{v:g}" for v in box.to_xywh()),
-        "fps": fps,
+        "fps": source.fps,
         "hfov_deg": round(math.degrees(options.hfov_rad), 3),
         "range_m": options.range_m,
         "max_frames": options.max_frames,
         "raw": options.raw,
+        "source": source.origin,
+        "truth": options.truth,
+        "version": __version__,
     }
 
 

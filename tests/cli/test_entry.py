@@ -108,7 +108,7 @@ def test_the_module_runs_as_a_program() -> None:
 def test_weights_info_prints_the_card(cli) -> None:
     result = cli("weights", "info", "full")
     assert result.code == 0
-    for part in ("size: full", "12161939", "sha256", "licence note"):
+    for part in ("size: full", "12161939", "sha256", "licence_note"):
         assert part in result.out
 
 

@@ -18,6 +18,7 @@ from tracker.box import Box
 
 WRITTEN = {
     "track.csv",
+    "commands.csv",
     "overlay.mp4",
     "setpoints.tlog",
     "report.html",
@@ -98,6 +99,18 @@ def test_the_report_names_the_scores_and_its_pictures_exist(tracked: Path) -> No
     for name in ("snapshots.jpg", "centre_error.png", "commands.png"):
         assert f'src="{name}"' in page
         assert cv2.imread(str(tracked / name)) is not None
+
+
+def test_every_command_has_a_reason(tracked: Path) -> None:
+    commands, track = _rows(tracked / "commands.csv"), _rows(tracked / "track.csv")
+    assert [c["frame"] for c in commands] == [t["frame"] for t in track]
+    for command, row in zip(commands, track, strict=True):
+        moves = any(float(command[k]) != 0 for k in ("north_m_s", "east_m_s", "down_m_s", "yaw_rate_rad_s"))
+        if row["status"] not in ("LOCKED", "COASTING"):
+            assert command["vehicle_reason"] == command["gimbal_reason"] == "hold_no_target"
+            assert not moves
+    assert {c["vehicle_reason"] for c in commands} > {"hold_no_target"}
+    assert commands[0]["range_m"] == "20.000"
 
 
 def test_a_folder_of_images_and_json(material: Material, tmp_path: Path, cli) -> None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+import uavfollow
 from tests.cli.conftest import FRAMES, Material
 from uavfollow.app import App
 from uavfollow.record.output import OutputFolder
@@ -76,7 +77,7 @@ def test_a_second_run_leaves_nothing_of_the_first_but_what_is_not_ours(material:
     )
     assert again.code == 0
     assert {p.name for p in out.iterdir()} == {
-        "notes.txt", "track.csv", "report.html", "summary.json", "snapshots.jpg", "commands.png",
+        "notes.txt", "track.csv", "commands.csv", "report.html", "summary.json", "snapshots.jpg", "commands.png",
     }  # fmt: skip
     assert str(tlog) in (out / "report.html").read_text()
 
@@ -103,7 +104,12 @@ def test_the_summary_says_what_the_numbers_depend_on(material: Material, tmp_pat
         "range_m": 35.0,
         "max_frames": 3,
         "raw": False,
+        "source": str(material.video),
+        "truth": None,
+        "version": uavfollow.__version__,
     }
+    listed = {Path(name) for name in kept["files"]}
+    assert listed == set((tmp_path / "o").iterdir())
     assert kept["interrupted"] is False
 
 

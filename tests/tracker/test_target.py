@@ -115,6 +115,7 @@ def test_every_status_and_reason_is_reached():
         states += play(script, at_s)
     states += play(lambda t: [] if 1 < t < 3 else STEADY, 4.0, 30.0, tracker)
     states += [tracker.step(STEADY, 3.0, IMAGE), tracker.stop(5.0)]
+    states += play(until(1, STEADY, []), 6.0, 30.0, TargetTracker(TargetConfig(coast_s=5.0)))  # COAST_UNSURE
     for state in states:
         reached |= {state.status, state.reason}
     assert reached == set(TargetStatus) | set(TargetReason) - {TargetReason.FAULT}  # that one is the application's
@@ -184,6 +185,8 @@ def test_a_coast_ends_when_the_ellipse_leaves_the_search_region():
     states = play(until(1, STEADY, []), 8.0, 30.0, TargetTracker(config))
     end = {s: t for t, s in changes(states)}[SEARCHING]
     assert 1.0 < end - 1.0 < 4.0
+    assert TargetReason.COAST_UNSURE in {s.reason for s in states}
+    assert TargetReason.COAST_EXPIRED not in {s.reason for s in states}
     for s in states:
         sigma_px = math.sqrt(np.linalg.eigvalsh(s.cov[:2, :2])[-1])
         inside = 2 * sigma_px <= config.search_half_sizes * math.sqrt(s.box.w_px * s.box.h_px)

@@ -152,6 +152,7 @@ def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> Tra
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
         raw=arguments.raw,
         box_given=bool(arguments.box),
+        truth=str(arguments.truth) if arguments.truth else None,
         out=out,
         tlog=tlog,
         video=not arguments.no_video,
@@ -170,7 +171,7 @@ def _initial_box(arguments: argparse.Namespace, truth: list[Box | None] | None, 
         return truth[0]
     grid = _write_grid(next(iter(source.frames()), None), out)
     raise InputError(
-        f"no target given: look at {grid} and give its box in px as --box X,Y,W,H (top-left corner, width, height)"
+        f"no target given yet: look at {grid} and give its box in px as --box X,Y,W,H (top-left corner, width, height)"
     )
 
 

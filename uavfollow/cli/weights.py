@@ -48,7 +48,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _print_entry(key: str, value: Any, indent: str = "  ") -> None:
-    label = key.replace("_", " ")
+    label = key
     if isinstance(value, dict):
         print(f"{indent}{label}:")
         for inner, item in value.items():

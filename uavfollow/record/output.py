@@ -11,8 +11,8 @@ from uavfollow.errors import InputError
 
 # What a tracking run may write. One that another run left and this one does not make would tell of that other run.
 RUN_FILES = (
-    "track.csv", "overlay.mp4", "setpoints.tlog", "report.html", "summary.json", "snapshots.jpg", "centre_error.png",
-    "commands.png",
+    "track.csv", "commands.csv", "overlay.mp4", "setpoints.tlog", "report.html", "summary.json", "snapshots.jpg",
+    "centre_error.png", "commands.png",
 )  # fmt: skip
 
 

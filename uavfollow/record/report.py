@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from tracker.benchmark.scores import centre_errors_px
-from tracker.messages import ImageU8
+from tracker.messages import ImageU8, TargetStatus
 from uavfollow.app import StepRecord
-from uavfollow.record.output import OutputFolder
+from uavfollow.record.output import RUN_FILES, OutputFolder
 from uavfollow.record.plots import plot_centre_error, plot_commands
 from uavfollow.record.summary import TrackSummary, Truth
 from uavfollow.video.writer import write_image
 
 SNAPSHOTS = 6
+SETTLED_FRAMES = 5  # a status that ends before is not worth a picture
 COLUMNS = 3
 TILE_PX = 480
 UNKNOWN_LENGTH_STRIDE = 100  # frames between snapshots when the length is not known
 
+LINKED = ("overlay.mp4", "track.csv", "commands.csv")
 PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>{title}</title>
 <style>body{{font:15px/1.5 system-ui,sans-serif;max-width:1080px;margin:2em auto;padding:0 1em;color:#222}}
@@ -28,22 +31,32 @@ img{{max-width:100%}}pre{{background:#f4f4f4;padding:1em;overflow:auto}}</style>
 <h1>{title}</h1>
 <pre>{numbers}</pre>
 {body}
-<p>Setpoints: <code>{tlog}</code> (open with MAVProxy, MAVExplorer or <code>mavlogdump.py</code>). They are open
-loop: a camera that looks straight forward from a hovering vehicle and does not move; metres scale with the assumed
-range. Rows: <code>track.csv</code>.</p>
+<p>{links}</p>
+<p>Thick box: the estimate, coloured by status; thin white box: the truth; circle: where the centre is to two
+sigma while it is not seen; cross: the middle of the picture.</p>
+<p>Setpoints: <code>{tlog}</code> (<code>mavlogdump.py {tlog}</code>, MAVExplorer). They are open loop: a camera that
+looks straight forward from a hovering vehicle and does not move; metres scale with the assumed range.</p>
 </html>
 """
 
 
 class Snapshots:
-    """A few overlay pictures, evenly through the run."""
+    """A few overlay pictures through the run, in order, with every status that lasted among them."""
 
     def __init__(self, count: int | None) -> None:
         self._stride = max(1, count // SNAPSHOTS) if count else UNKNOWN_LENGTH_STRIDE
         self._images: list[ImageU8] = []
+        self._shown: set[TargetStatus] = set()
+        self._status: TargetStatus | None = None
+        self._since = 0
 
-    def wants(self, number: int) -> bool:
-        """Whether frame `number` is one of them."""
+    def wants(self, number: int, status: TargetStatus) -> bool:
+        """Whether frame `number` is one of them: evenly spaced ones, and one of each status soon after it began."""
+        if status is not self._status:
+            self._status, self._since = status, number
+        if status not in self._shown and number >= self._since + SETTLED_FRAMES:
+            self._shown.add(status)
+            return True
         return number % self._stride == self._stride // 2 and len(self._images) < SNAPSHOTS
 
     def add(self, image: ImageU8) -> None:
@@ -84,6 +97,14 @@ def write_report(
     plot_commands(folder.path("commands.png"), records, title)
     body.append('<img src="commands.png" alt="confidence and setpoints over time">')
     numbers = html.escape("\n".join(summary.lines()))
-    page = PAGE.format(title=html.escape(title), numbers=numbers, body="\n".join(body), tlog=html.escape(tlog))
+    written = [n for n in LINKED if (folder.work / n).exists()]
+    links = "Files: " + ", ".join(f'<a href="{n}">{n}</a>' for n in [*written, "summary.json"])
+    page = PAGE.format(
+        title=html.escape(title), numbers=numbers, body="\n".join(body), tlog=html.escape(tlog), links=links
+    )
     folder.path("report.html").write_text(page)
-    folder.path("summary.json").write_text(summary.json() + "\n")
+    names = sorted({*(p.name for p in folder.work.iterdir() if p.suffix != ".partial"), "summary.json", tlog})
+    kept = summary.with_files(
+        [folder.target / name if name != tlog or name in RUN_FILES else Path(name) for name in names]
+    )
+    folder.path("summary.json").write_text(kept.json() + "\n")

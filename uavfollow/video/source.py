@@ -32,9 +32,10 @@ TAIL_FRAMES = 2  # containers announce up to this many frames that no decoder de
 
 
 class FrameSource(Protocol):
-    """`count` is None when it is not known (a camera)."""
+    """`count` is None when it is not known (a camera). `origin` is where the frames come from, `name` a short label."""
 
     name: str
+    origin: str
     fps: float
     count: int | None
 
@@ -52,6 +53,7 @@ class ImageFolder:
         if not self._paths:
             raise InputError(f"{folder}: holds no images ({', '.join(sorted(IMAGE_SUFFIXES))})")
         self.name = _telling_name(folder.resolve())
+        self.origin = str(folder)
         self.fps = fps
         self.count: int | None = len(self._paths)
         if _read_image(self._paths[0]) is None:
@@ -73,7 +75,7 @@ class VideoFile:
         capture = self._open()
         stated = capture.get(cv2.CAP_PROP_FPS)
         self.fps = fps or (stated if FPS_RANGE[0] <= stated <= FPS_RANGE[1] else DEFAULT_FPS)
-        self.name = path.stem
+        self.name, self.origin = path.stem, str(path)
         self.count: int | None = self._checked_count(capture)
         capture.release()
 
@@ -130,7 +132,7 @@ class Camera:
             raise InputError(f"camera {index}: cannot be opened; is it connected and not used by another program?")
         stated = self._capture.get(cv2.CAP_PROP_FPS)
         self.fps = fps or (stated if FPS_RANGE[0] <= stated <= FPS_RANGE[1] else DEFAULT_FPS)
-        self.name = f"camera-{index}"
+        self.name, self.origin = f"camera-{index}", f"camera {index}"
         self.count: int | None = None
 
     def frames(self) -> Iterator[Frame | None]:
