@@ -48,7 +48,7 @@ class Snapshots:
         self._images: list[ImageU8] = []
         self._shown: set[TargetStatus] = set()
         self._status: TargetStatus | None = None
-        self._since = 0
+        self._since = self._spaced = 0
 
     def wants(self, number: int, status: TargetStatus) -> bool:
         """Whether frame `number` is one of them: evenly spaced ones, and one of each status soon after it began."""
@@ -57,7 +57,9 @@ class Snapshots:
         if status not in self._shown and number >= self._since + SETTLED_FRAMES:
             self._shown.add(status)
             return True
-        return number % self._stride == self._stride // 2 and len(self._images) < SNAPSHOTS
+        spaced = number % self._stride == self._stride // 2 and self._spaced < SNAPSHOTS
+        self._spaced += spaced
+        return spaced
 
     def add(self, image: ImageU8) -> None:
         """Keep a scaled copy."""
@@ -69,7 +71,7 @@ class Snapshots:
         """All of them side by side, None when there are none."""
         if not self._images:
             return None
-        blank = np.zeros_like(self._images[0])
+        blank = np.full_like(self._images[0], 255)
         padded = [*self._images, *[blank] * (-len(self._images) % COLUMNS)]
         rows = [np.hstack(padded[i : i + COLUMNS]) for i in range(0, len(padded), COLUMNS)]
         return np.vstack(rows)
