@@ -48,17 +48,16 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _print_entry(key: str, value: Any, indent: str = "  ") -> None:
-    label = key
     if isinstance(value, dict):
-        print(f"{indent}{label}:")
+        print(f"{indent}{key}:")
         for inner, item in value.items():
             _print_entry(inner, item, indent + "  ")
     elif isinstance(value, list) and any(isinstance(item, str) for item in value):
-        print(f"{indent}{label}:")
+        print(f"{indent}{key}:")
         for item in value:
             print(f"{indent}  - {item}")
     else:
-        print(f"{indent}{label}: {value}")
+        print(f"{indent}{key}: {value}")
 
 
 def _import(arguments: argparse.Namespace) -> int:

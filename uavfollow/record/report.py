@@ -34,7 +34,7 @@ img{{max-width:100%}}pre{{background:#f4f4f4;padding:1em;overflow:auto}}</style>
 <p>{links}</p>
 <p>Thick box: the estimate, coloured by status; thin white box: the truth; circle: where the centre is to two
 sigma while it is not seen; cross: the middle of the picture.</p>
-<p>Setpoints: <code>{tlog}</code> (<code>mavlogdump.py {tlog}</code>, MAVExplorer). They are open loop: a camera that
+<p>Setpoints: <code>{tlog}</code> (<code>mavlogdump.py {tlog}</code> prints them). They are open loop: a camera that
 looks straight forward from a hovering vehicle and does not move; metres scale with the assumed range.</p>
 </html>
 """

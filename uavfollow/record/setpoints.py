@@ -1,4 +1,4 @@
-"""The setpoint stream of a run as a tlog, which MAVProxy, MAVExplorer and mavlogdump open."""
+"""The setpoint stream of a run as a tlog, as pymavlink's mavlogfile and mavlogdump.py read it."""
 
 from __future__ import annotations
 
