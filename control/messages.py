@@ -84,3 +84,19 @@ class VelocityCommand:
     yaw_rate_rad_s: float
     t_s: float
     reason: CommandReason
+
+
+@dataclass(frozen=True, slots=True)
+class FlightStatus:
+    """What the autopilot says of itself, with the times (our clock) of the two messages it came in; -inf = never.
+
+    `accepts_setpoints`: the mode is the one in which it obeys velocity setpoints (ArduPilot GUIDED). `mode` names it
+    for logs. `airborne`: landed state "in the air", so neither on the ground nor in take-off or landing.
+    """
+
+    t_heartbeat_s: float
+    mode: str
+    accepts_setpoints: bool
+    armed: bool
+    t_landed_state_s: float
+    airborne: bool

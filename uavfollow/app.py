@@ -132,6 +132,10 @@ class App:
                 target = TargetState(t_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0)
             return self._conclude(candidates, target, telemetry, now_s, faults)
 
+    def reset_flight(self) -> None:
+        """Limits start from standstill again: the vehicle has not been flying what was decided so far."""
+        self._limiter.reset()
+
     def _exposure_s(self, seen: Frame | Sequence[Candidate] | None, now_s: float, t_capture_s: float | None) -> float:
         if seen is None:
             return now_s - self._latency_s if t_capture_s is None else t_capture_s
