@@ -46,6 +46,18 @@ def test_the_numbers_are_those_of_the_dialect() -> None:
     assert ids.CONTROLLER_COMPONENT == dialect.MAV_COMP_ID_ONBOARD_COMPUTER
     assert ids.TYPE_ONBOARD_CONTROLLER == dialect.MAV_TYPE_ONBOARD_CONTROLLER
     assert ids.TYPE_CAMERA == dialect.MAV_TYPE_CAMERA
+    assert ids.AUTOPILOT_ARDUPILOT == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+    assert ids.MODE_FLAG_ARMED == dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    assert {dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_HEXAROTOR, dialect.MAV_TYPE_OCTOROTOR} <= ids.TYPES_COPTER
+    assert dialect.MAV_TYPE_FIXED_WING not in ids.TYPES_COPTER
+    assert ids.CMD_SET_MESSAGE_INTERVAL == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+    assert ids.CMD_REQUEST_MESSAGE == dialect.MAV_CMD_REQUEST_MESSAGE
+    assert ids.LANDED_STATE_IN_AIR == dialect.MAV_LANDED_STATE_IN_AIR
+    assert ids.ESTIMATOR_VELOCITY_HORIZ == dialect.ESTIMATOR_VELOCITY_HORIZ
+    assert ids.ESTIMATOR_POSITION_HORIZ == dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
+    for name in ("HEARTBEAT", "ATTITUDE", "LOCAL_POSITION_NED", "EKF_STATUS_REPORT", "EXTENDED_SYS_STATE",
+                 "GIMBAL_MANAGER_STATUS", "GIMBAL_DEVICE_ATTITUDE_STATUS"):  # fmt: skip
+        assert getattr(ids, f"MESSAGE_{name}") == getattr(dialect, f"MAVLINK_MSG_ID_{name}")
     assert ids.AUTOPILOT_INVALID == dialect.MAV_AUTOPILOT_INVALID
     assert ids.STATE_STANDBY == dialect.MAV_STATE_STANDBY
     assert ids.STATE_ACTIVE == dialect.MAV_STATE_ACTIVE

@@ -100,7 +100,7 @@ class AutopilotView:
         )
 
     def gimbal_at(self, t_s: float, frame: GimbalFrame) -> GimbalState:
-        """Where the camera pointed at `t_s`, yaw in `frame`; not valid without a report (or a heading to convert by)."""
+        """Where the camera pointed at `t_s`, yaw in `frame`; not valid without a report (or heading)."""
         source = f"mavlink {self.system_id}/{ids.AUTOPILOT_COMPONENT} device {self._device_id}"
         found = self._gimbal.at(t_s)
         if found is None:

@@ -1,0 +1,1 @@
+"""The simulated ground and everything on it."""
