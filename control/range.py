@@ -27,6 +27,24 @@ class RangeEstimate:
 
 NO_RANGE = RangeEstimate(math.nan, math.nan, False)
 
+# Closer to the horizon than this a degree of error in the gimbal is 20 % of the range or more.
+MIN_DEPRESSION_RAD = math.radians(5.0)
+# Beyond it nothing that can be followed is large enough in the picture.
+MAX_GROUND_RANGE_M = 500.0
+
+
+def ground_range_m(sight_ned: Array, height_m: float) -> float | None:
+    """Slant range (m) at which a line of sight (3,), unit, NED, meets flat ground `height_m` below the camera.
+
+    None when it is not steep enough to say, the height is not positive, or a number is not finite. The ground is taken
+    as level with the place of take-off.
+    """
+    down = float(sight_ned[2])
+    if not all_finite(down, height_m) or down < math.sin(MIN_DEPRESSION_RAD) or height_m <= 0:
+        return None
+    range_m = height_m / down
+    return range_m if range_m <= MAX_GROUND_RANGE_M else None
+
 
 @dataclass(frozen=True, slots=True)
 class SizeRange:

@@ -1,6 +1,6 @@
 """What the simulator drives: an application behind frames (or candidates) and a byte link.
 
-The simulator knows nothing of the application but this; `uavfollow.sim` implements it.
+The simulator knows nothing of the application but this (`uavfollow.sim` implements it) and a `ByteLink`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,6 @@ from sitl.measure import MeasuredBox
 from tracker.box import Box
 
 Image = npt.NDArray[np.uint8]
-
-
-class ByteLink(Protocol):
-    """One end of a link that carries MAVLink bytes."""
-
-    def write(self, data: bytes) -> None:
-        """Hand over whole frames."""
-
-    def read_available(self) -> bytes:
-        """Everything that has come since the last call."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +61,9 @@ class Application(Protocol):
 
     def select(self, seen: Seen, box: Box, now_s: float) -> Decision:
         """The operator marked `box` in this picture. Raises ValueError when it cannot be selected."""
+
+    def searches_at_px(self, t_capture_s: float) -> tuple[float, float] | None:
+        """Where the target is searched for in the picture of that time; None when nothing is selected."""
 
     def see(self, seen: Seen, now_s: float) -> Decision:
         """Take up one exposure; `now_s` is when its processing is done."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega
 
-from sitl.drive import ByteLink
+from sitl.autopilot.link import ByteLink
 
 GROUND_STATION = (255, 190)  # the ids that ground stations use
 HEARTBEAT_PERIOD_S = 1.0

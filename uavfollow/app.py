@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from control.camera import Intrinsics
+from control.frames import GIMBAL_FROM_CAMERA, ned_from_gimbal
+from control.gate import telemetry_hold
 from control.gimbal import GimbalLaw
 from control.guidance.trail import TrailGuidance
 from control.limits import VelocityLimiter
 from control.messages import CommandReason, GimbalCommand, GimbalState, VehicleState, VelocityCommand
-from control.range import NO_RANGE, RangeEstimate, SizeRange
+from control.range import NO_RANGE, RangeEstimate, SizeRange, ground_range_m
 from tracker.box import Box
 from tracker.messages import Candidate, Frame, SearchHint, TargetReason, TargetState, TargetStatus, Tracker
 from uavfollow.stopwatch import Stopwatch
@@ -87,15 +89,20 @@ class App:
         self._seq = 0
         self._latency_s = 0.0
 
-    def start(self, frame: Frame | None, box: Box, telemetry: Telemetry, now_s: float) -> StepRecord:
-        """Select `box` in `frame` (None when candidates come from elsewhere).
+    def start(
+        self, frame: Frame | None, box: Box, telemetry: Telemetry, now_s: float, t_capture_s: float | None = None
+    ) -> StepRecord:
+        """Select `box` in `frame` (None when candidates come from elsewhere, exposed at `t_capture_s`).
 
-        Raises ValueError when it cannot be; what was followed before is then followed on.
+        The range is then that of flat ground under the box, where attitude, height and gimbal are known and the line is
+        steep enough, else the reference range. Raises ValueError when it cannot be; what was followed before is then
+        followed on.
         """
-        t_s = now_s if frame is None else frame.t_capture_s
+        t_s = frame.t_capture_s if frame is not None else now_s if t_capture_s is None else t_capture_s
         if not (math.isfinite(t_s) and math.isfinite(now_s) and box.is_valid):
             raise ValueError(f"box {box} at {t_s} s cannot be selected: a number that is not finite, or no size")
-        size_range = SizeRange(self._reference_range_m, (box.w_px * box.h_px) ** 0.5)
+        range_m = self._range_on_ground(box, telemetry, now_s) or self._reference_range_m
+        size_range = SizeRange(range_m, (box.w_px * box.h_px) ** 0.5)
         if self._tracker is not None and frame is not None:
             with self._stopwatch.section("track"):
                 self._tracker.init(frame, box)
@@ -132,9 +139,22 @@ class App:
                 target = TargetState(t_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0)
             return self._conclude(candidates, target, telemetry, now_s, faults)
 
+    def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
+        """Centre of the search region in a picture exposed at `t_s`; None while nothing is followed."""
+        hint = self._target.hint(t_s)
+        return None if hint is None else hint.center_px
+
     def reset_flight(self) -> None:
         """Limits start from standstill again: the vehicle has not been flying what was decided so far."""
         self._limiter.reset()
+
+    def _range_on_ground(self, box: Box, telemetry: Telemetry, now_s: float) -> float | None:
+        vehicle, gimbal = telemetry.vehicle, telemetry.gimbal
+        if telemetry_hold(vehicle, gimbal, now_s) is not None:
+            return None
+        to_ned = ned_from_gimbal(gimbal.pitch_rad, gimbal.yaw_rad, gimbal.frame, vehicle.yaw_rad)
+        sight = to_ned @ GIMBAL_FROM_CAMERA @ self._intrinsics.ray(box.cx_px, box.cy_px)
+        return ground_range_m(sight, -vehicle.pos_ned_m[2])
 
     def _exposure_s(self, seen: Frame | Sequence[Candidate] | None, now_s: float, t_capture_s: float | None) -> float:
         if seen is None:

@@ -44,6 +44,8 @@ STREAMS_HZ = {
     ids.MESSAGE_EKF_STATUS_REPORT: 2.0,
     ids.MESSAGE_GIMBAL_MANAGER_STATUS: 2.0,
 }
+STREAMS_LOST_S = 3.0  # 150 attitudes that did not come
+STREAMS_RETRY_S = 10.0  # an autopilot that refuses is not to be flooded
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,7 @@ class Companion:
         selected; nothing changes then.
         """
         t_s = frame.t_capture_s if frame is not None else now_s if t_capture_s is None else t_capture_s
-        record = self._app.start(frame, box, self._telemetry(t_s, now_s), now_s)
+        record = self._app.start(frame, box, self._telemetry(t_s, now_s), now_s, t_s)
         self.stop_following(now_s)
         self._record, self._flight_record = record, None
         if self._config.gimbal:
@@ -135,6 +137,10 @@ class Companion:
         self._due_s["stream"] = now_s
         self._guarded("stream", self._stream, now_s, may_send=True)
         return self._loop_record(record)
+
+    def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
+        """Centre of the search region in a picture exposed at `t_s`; None while nothing is selected."""
+        return self._app.searches_at_px(t_s)
 
     def poll(self, now_s: float) -> None:
         """Receive, keep the link alive, look at the mode, send what is due. Call it often; it costs little."""
@@ -187,13 +193,16 @@ class Companion:
         if message.tc1 == 0:
             self._send(ardupilotmega.MAVLink_timesync_message(tc1=int(now_s * 1e9), ts1=message.ts1))
         else:
-            self.autopilot.clock.reply(int(message.tc1), int(message.ts1), now_s)
+            self.autopilot.timesync(int(message.tc1), int(message.ts1), now_s)
 
     def _upkeep(self, now_s: float) -> None:
         if self._is_due("heartbeat", HEARTBEAT_PERIOD_S, now_s):
             self._send(controller_heartbeat())
         if math.isinf(self.autopilot.status().t_heartbeat_s):
             return  # nobody there yet
+        if self._asked_streams and self._commands.is_idle and self.autopilot.telemetry_age_s(now_s) > STREAMS_LOST_S:
+            # A restart of the autopilot or another route of the link: nothing comes unless it is asked for.
+            self._asked_streams = not self._is_due("streams", STREAMS_RETRY_S, now_s)
         if not self._asked_streams:
             self._asked_streams = True
             for message_id, rate_hz in STREAMS_HZ.items():

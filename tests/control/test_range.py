@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from control.range import MAX_RATIO, MIN_SIZE_PX, SizeRange
+from control.range import MAX_RATIO, MIN_SIZE_PX, SizeRange, ground_range_m
 from tests.control.builders import target
 from tracker.box import Box
 
@@ -63,3 +63,24 @@ def test_a_box_of_a_few_pixels_has_no_size():
 def test_bad_references_are_refused(values):
     with pytest.raises(ValueError, match=r"SizeRange\.reference_"):
         SizeRange(*values)
+
+
+@pytest.mark.parametrize(
+    ("depression_deg", "height_m", "range_m"),
+    [
+        (30.0, 12.0, 24.0),
+        (90.0, 12.0, 12.0),
+        (5.01, 10.0, 10.0 / math.sin(math.radians(5.01))),
+        (4.9, 10.0, None),  # too flat to say
+        (-30.0, 12.0, None),  # the sky
+        (30.0, 0.0, None),
+        (30.0, -3.0, None),
+        (30.0, math.nan, None),
+        (5.1, 100.0, None),  # further than anything that can be followed
+    ],
+)
+def test_range_to_flat_ground(depression_deg, height_m, range_m):
+    angle = math.radians(depression_deg)
+    sight = np.array([math.cos(angle) * 0.6, math.cos(angle) * -0.8, math.sin(angle)])
+    found = ground_range_m(sight, height_m)
+    assert found == (None if range_m is None else pytest.approx(range_m))

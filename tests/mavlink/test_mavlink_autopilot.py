@@ -159,8 +159,18 @@ def test_a_restart_forgets_everything():
     view = told(heartbeat(), attitude(100.0), position(100.0, *[0.0] * 6), good_estimator())
     view.take(wired(dialect.MAVLink_attitude_message(500, 0, 0, 0, 0, 0, 0)), 101.0)
     assert view.reboots == 1
-    assert view.status().t_heartbeat_s == -math.inf
+    assert view.status().t_landed_state_s == -math.inf
     assert not view.vehicle_at(101.0, 101.0).position_valid
+
+
+def test_a_restart_shows_in_timesync_alone():
+    view = told(attitude(100.0))
+    view.timesync(int(61e9), view.clock.request(101.0), 101.01)
+    assert view.reboots == 0
+    view.timesync(int(2e9), view.clock.request(102.0), 102.01)
+    assert view.reboots == 1
+    view.timesync(int(1e9), 5, 103.0)
+    assert view.reboots == 1, "an answer to somebody else"
 
 
 @given(st.floats(width=32), st.floats(width=32), st.integers(0, 2**32 - 1))

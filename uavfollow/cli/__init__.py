@@ -7,7 +7,7 @@ import difflib
 from typing import NoReturn
 
 import uavfollow
-from uavfollow.cli import track, weights
+from uavfollow.cli import sim, sitl, track, weights
 from uavfollow.errors import InputError
 
 DESCRIPTION = "MAVLink visual servoing: follow a target in the picture, steer gimbal and vehicle."
@@ -32,7 +32,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     parser = Parser(prog="uavfollow", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"uavfollow {uavfollow.__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    made = {module.NAME: module.add_parser(commands) for module in (track, weights)}
+    made = {module.NAME: module.add_parser(commands) for module in (sim, sitl, track, weights)}
     return parser, made
 
 

@@ -76,6 +76,19 @@ class AutopilotView:
             self.unusable += 1
             log.warning("%s cannot be used: %r", message.get_type(), error)
 
+    def timesync(self, tc1_ns: int, ts1_ns: int, now_s: float) -> None:
+        """Take the autopilot's answer to a TIMESYNC request of ours.
+
+        After a restart ArduPilot sends nothing with a boot time but these answers until streams are asked for again.
+        """
+        if self.clock.reply(tc1_ns, ts1_ns, now_s):
+            self._hear(tc1_ns * 1e-9, now_s)
+
+    def telemetry_age_s(self, now_s: float) -> float:
+        """Since the newest attitude report; inf when there is none."""
+        last = self._attitude.last
+        return math.inf if last is None else now_s - last[0]
+
     def status(self) -> FlightStatus:
         """Mode, armed, in the air, with the times they were heard."""
         return FlightStatus(self._heartbeat_s, self._mode, self._accepts, self._armed, self._landed_s, self._airborne)
@@ -117,11 +130,18 @@ class AutopilotView:
     def _stamp_s(self, message: Message, now_s: float) -> float:
         """When the message was made, on our clock; a clock that went back forgets all that was heard before."""
         boot_s = message.time_boot_ms * 1e-3
-        if not self.clock.heard(boot_s, now_s):
-            log.warning("the autopilot's clock went back to %.1f s: it was restarted", boot_s)
-            self.reboots += 1
-            self._forget()
+        self._hear(boot_s, now_s)
         return self.clock.ours(boot_s, now_s)
+
+    def _hear(self, boot_s: float, now_s: float) -> None:
+        if self.clock.heard(boot_s, now_s):
+            return
+        log.warning("the autopilot's clock went back to %.1f s: it was restarted", boot_s)
+        self.reboots += 1
+        heartbeat = (self._heartbeat_s, self._mode, self._accepts, self._armed)
+        self._forget()
+        # A heartbeat comes at once after a restart and is newer than the restart itself.
+        self._heartbeat_s, self._mode, self._accepts, self._armed = heartbeat
 
     def _heartbeat(self, message: Message, now_s: float) -> None:
         copter = message.autopilot == ids.AUTOPILOT_ARDUPILOT and message.type in ids.TYPES_COPTER

@@ -57,7 +57,8 @@ class Snapshots:
         if status not in self._shown and number >= self._since + SETTLED_FRAMES:
             self._shown.add(status)
             return True
-        spaced = number % self._stride == self._stride // 2 and self._spaced < SNAPSHOTS
+        # The next place of the even spacing has come; numbers may be left out, when pictures were dropped.
+        spaced = self._spaced < SNAPSHOTS and number >= self._spaced * self._stride + self._stride // 2
         self._spaced += spaced
         return spaced
 

@@ -34,6 +34,11 @@ class VideoSink:
         else:
             self._writer.write(image_bgr_u8)
 
+    def discard(self) -> None:
+        """Give the file up and delete it."""
+        self._writer.release()
+        self._path.unlink(missing_ok=True)
+
     def close(self) -> None:
         """Finish the file. Raises InputError when it is not whole: OpenCV itself does not tell of a full disk."""
         self._writer.release()
