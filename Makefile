@@ -1,12 +1,12 @@
-# make demo: set up and track the drawn clip; make test: set up and run every check. Second runs skip finished set-up.
+# make demo: set up and fly the simulator; make test: set up and run the checks; make test-full: the long flights too.
+# Second runs skip finished set-up.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIP := runs/clip
-DEMO := runs/demo
 
-.PHONY: setup demo test lint format clean
+.PHONY: setup demo clip test test-full lint format clean
 
 setup: $(STAMP)
 
@@ -18,10 +18,16 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: $(STAMP)
+	$(BIN)/uavfollow sim --out runs/demo
+
+clip: $(STAMP)
 	$(BIN)/python -m sitl.clip --out $(CLIP)
-	$(BIN)/uavfollow track $(CLIP)/clip.mp4 --truth $(CLIP)/groundtruth_rect.txt --out $(DEMO)
+	$(BIN)/uavfollow track $(CLIP)/clip.mp4 --truth $(CLIP)/groundtruth_rect.txt --out runs/track-clip
 
 test: lint
+	$(BIN)/python -m pytest -m "not slow"
+
+test-full: lint
 	$(BIN)/python -m pytest
 
 lint: $(STAMP)

@@ -23,13 +23,13 @@ class Exposure:
 
 
 class CameraFeed:
-    """A one-place mailbox behind a delay. The same seed delays and loses the same pictures. `exposed` counts them, the lost ones too."""
+    """A one-place mailbox behind a delay. The same seed delays and loses the same pictures; `exposed` counts all."""
 
     def __init__(self, latency_s: float, jitter_s: float, drop_share: float, seed: int) -> None:
         self._latency_s = latency_s
         self._jitter_s = jitter_s
         self._drop_share = drop_share
-        self._random = Random(seed)  # noqa: S311
+        self._random = Random(seed)
         self._on_the_way: list[Exposure] = []
         self._last_s = 0.0
         self.exposed = 0

@@ -18,7 +18,7 @@ from sitl.eyes import Eyes, Truths
 from sitl.feed import CameraFeed, Exposure
 from sitl.flight import Flight
 from sitl.metrics.sample import Sample
-from sitl.operator import Operator, OperatorError
+from sitl.operator import MODES, Operator, OperatorError
 from sitl.scenario.build import clicked_box, start_pose
 from sitl.scenario.events import ClickEvent, FollowEvent, ModeEvent, PictureEvent, StopEvent
 from sitl.scenario.schema import Scenario
@@ -29,6 +29,8 @@ TICK_HZ = 200  # of the run; the plant below has its own, finer one
 POLL_EVERY_TICKS = 2  # the application's loop runs at 100 Hz
 MAX_TAKE_OFF_S = 90.0  # of simulated time; 120 m at 2.5 m/s and all waits take less
 AFTER_S = 0.5  # the run goes on so long after its end, for the last messages to arrive
+# A change of mode is in a heartbeat at once and read by the next poll; what was sent before is read a tick later.
+KNOWN_AFTER_S = (POLL_EVERY_TICKS + 1) / TICK_HZ
 MIN_CLICK_PX = 3.0  # nobody clicks what is smaller
 
 
@@ -53,7 +55,10 @@ class Happening:
 
 @dataclass(slots=True)
 class RunLog:
-    """Everything of a run. `begin_s` is the run's time at the scenario's time 0."""
+    """Everything of a run. `begin_s` is the run's time at the scenario's time 0.
+
+    `override_s`: when the application could know that the autopilot had left GUIDED; None when it never did.
+    """
 
     begin_s: float = math.nan
     steps: list[Step] = field(default_factory=list)
@@ -99,7 +104,7 @@ class Run:
         self._events = sorted(scenario.events, key=lambda e: e.at_s)
         self._covers = [e for e in self._events if isinstance(e, PictureEvent)]
         self._busy: tuple[float, Seen, Exposure, Truths] | None = None
-        self._selected = False
+        self._selected = self._engaged = False
         self._frozen: tuple[Seen, Truths] | None = None
         self.log = RunLog()
 
@@ -140,6 +145,8 @@ class Run:
         self._tap.now_s = now_s
         self._flight.autopilot.step(now_s)
         self._operator.step(now_s)
+        if self.log.override_s is None and self._engaged and self._flight.autopilot.state.mode != MODES["GUIDED"]:
+            self.log.override_s = now_s + KNOWN_AFTER_S
         if tick % POLL_EVERY_TICKS == 0:
             self._application.poll(now_s)
 
@@ -189,12 +196,12 @@ class Run:
             self._note(now_s, "click", self._click(event, now_s))
         elif isinstance(event, FollowEvent):
             self._note(now_s, "follow", self._application.start_following(now_s))
+            self._engaged = True
         elif isinstance(event, StopEvent):
             self._application.stop_following(now_s)
             self._note(now_s, "stop", "asked")
         elif isinstance(event, ModeEvent):
             self._operator.change_mode(event.mode)
-            self.log.override_s = now_s if self.log.override_s is None else self.log.override_s
             self._note(now_s, "mode", event.mode)
         elif isinstance(event, PictureEvent):
             self._note(now_s, event.kind, f"for {event.duration_s:g} s")

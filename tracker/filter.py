@@ -145,6 +145,20 @@ class Innovation:
         return self.reason in (UpdateReason.INSIDE_GATE, UpdateReason.RELOCATED)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FilterState:
+    """A copy of the estimate at a time: mean (8,) and covariance (8, 8)."""
+
+    t_s: float
+    x: Array
+    p: Array
+
+    @property
+    def ln_size(self) -> float:
+        """ln(sqrt(w h))."""
+        return 0.5 * float(self.x[2] + self.x[3])
+
+
 class AgreeingRun:
     """Boxes in a row that could be one object: each near the one before, in place and size."""
 
@@ -251,6 +265,17 @@ class BoxFilter:
         self._updated_s = self._t_s
         self._outliers.clear()
         return judged
+
+    def state(self) -> FilterState:
+        """A copy of the estimate."""
+        kf = self._started()
+        return FilterState(self._t_s, np.array(kf.x), np.array(kf.P))
+
+    def rewind(self, state: FilterState) -> None:
+        """Take back what was measured since `state`, and predict from there to the present time."""
+        kf, now_s = self._started(), self._t_s
+        kf.x, kf.P, self._t_s = np.array(state.x), np.array(state.p), min(state.t_s, now_s)
+        self.predict(now_s)
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the mean with the picture (ego-motion); False and untouched when not finite or too far."""

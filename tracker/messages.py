@@ -88,6 +88,7 @@ class TargetReason(str, Enum):
     OUT_OF_VIEW = "out_of_view"
     COAST_EXPIRED = "coast_expired"
     COAST_UNSURE = "coast_unsure"  # the prediction could be outside of what is searched
+    SHAPE_COLLAPSE = "shape_collapse"  # lost after its box had shrunk: hidden by something, not further away
     REACQUIRED = "reacquired"
     GAVE_UP = "gave_up"
     TIME_WENT_BACK = "time_went_back"

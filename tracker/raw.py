@@ -36,6 +36,10 @@ class RawTarget:
         """None: the tracker searches around its own last place."""
         return None
 
+    def shift(self, dx_px: float, dy_px: float) -> bool:
+        """Nothing to move: the bare tracker searches where it saw the target last. False."""
+        return False
+
 
 def _state(status: TargetStatus, box: Box, t_s: float, confidence: float, reason: TargetReason) -> TargetState:
     return TargetState(t_s, status, reason, box, (0.0, 0.0), 0.0, None, confidence)

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tracker.box import Box
+from tracker.collapse import SizeMemory
 from tracker.filter import TIME_EPS_S, AgreeingRun, BoxFilter, FilterConfig, UpdateReason, check_range, usable_box
 from tracker.messages import Array, Candidate, SearchHint, TargetReason, TargetState, TargetStatus
 
@@ -76,6 +77,7 @@ class TargetTracker:
         self._start_s = self._seen_s = 0.0
         self._score = 0.0
         self._run = AgreeingRun()
+        self._memory = SizeMemory()
         self._image_size_px: tuple[float, float] | None = None
 
     def start(self, box: Box, t_s: float) -> TargetState:
@@ -85,6 +87,7 @@ class TargetTracker:
         self._t_s = self._start_s = self._seen_s = t_s
         self._score = 0.0
         self._run.clear()
+        self._memory.clear()
         return self._report(TargetReason.SELECTED)
 
     def stop(self, t_s: float) -> TargetState:
@@ -133,6 +136,7 @@ class TargetTracker:
         if self._status in _AT_REST or not self._filter.shift(dx_px, dy_px):
             return False
         self._run.shift(dx_px, dy_px)
+        self._memory.shift(dx_px, dy_px)
         return True
 
     def _refusal(self, t_s: float, image_size_px: tuple[float, float]) -> TargetReason | None:
@@ -185,6 +189,7 @@ class TargetTracker:
         if not self._run.lasted(self._config.reacquire_s):
             return TargetReason.CONFIRMING
         self._filter.start(best.box, t_s)
+        self._memory.clear()
         self._lock(best, t_s)
         return TargetReason.REACQUIRED
 
@@ -217,13 +222,24 @@ class TargetTracker:
         self._status = TargetStatus.LOCKED
         self._seen_s, self._score = t_s, best.score
         self._run.clear()
+        self._memory.add(self._filter.state())
 
     def _miss(self, reason: TargetReason) -> TargetReason:
         """Not seen in this step."""
         self._run.clear()
         if self._status is TargetStatus.LOCKED:
             self._status = TargetStatus.COASTING
+            if self._undo_collapse():
+                reason = TargetReason.SHAPE_COLLAPSE
         return reason if self._in_view() else TargetReason.OUT_OF_VIEW
+
+    def _undo_collapse(self) -> bool:
+        """Go on from the estimate before the box shrank to the last visible strip, if that is what happened."""
+        before = self._memory.before_collapse()
+        self._memory.clear()
+        if before is not None:
+            self._filter.rewind(before)
+        return before is not None
 
     def _rest(self, status: TargetStatus, reason: TargetReason) -> None:
         self._status, self._rest_reason = status, reason

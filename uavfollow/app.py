@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from control.camera import Intrinsics
+from control.ego_motion import CameraMotion
 from control.frames import GIMBAL_FROM_CAMERA, ned_from_gimbal
 from control.gate import telemetry_hold
 from control.gimbal import GimbalLaw
@@ -37,6 +38,9 @@ class Target(Protocol):
 
     def hint(self, t_s: float | None = None) -> SearchHint | None:
         """Where to search next."""
+
+    def shift(self, dx_px: float, dy_px: float) -> bool:
+        """Move the estimate with the picture; whether it was moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,8 @@ class App:
         SizeRange(reference_range_m, 1.0)  # raises ValueError now and not in flight
         self._reference_range_m = reference_range_m
         self._range: SizeRange | None = None
+        self._camera_motion = CameraMotion()
+        self._last: tuple[TargetState, RangeEstimate] | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self._seq = 0
         self._latency_s = 0.0
@@ -110,6 +116,9 @@ class App:
             target = self._target.start(box, t_s)
             self._range, self._latency_s = size_range, now_s - t_s
             self._reset_laws()
+            self._camera_motion.reset()
+            self._last = None
+            self._follow_camera(telemetry, t_s)
             return self._conclude((), target, telemetry, now_s, [])
 
     def step(
@@ -129,6 +138,7 @@ class App:
         """
         faults: list[str] = []
         t_s = self._exposure_s(seen, now_s, t_capture_s)
+        self._follow_camera(telemetry, t_s)
         candidates = self._search(seen, t_s, faults)
         with self._stopwatch.section("filter"):
             try:
@@ -147,6 +157,20 @@ class App:
     def reset_flight(self) -> None:
         """Limits start from standstill again: the vehicle has not been flying what was decided so far."""
         self._limiter.reset()
+
+    def _follow_camera(self, telemetry: Telemetry, t_s: float) -> None:
+        """Move the estimate as far as the camera's own motion since the last exposure moved the picture."""
+        box = self._last[0].box if self._last is not None else None
+        range_estimate = self._last[1] if self._last is not None else NO_RANGE
+        pixel = (box.cx_px, box.cy_px) if box is not None else None
+        try:
+            shift = self._camera_motion.step(
+                telemetry.vehicle, telemetry.gimbal, t_s, pixel, range_estimate, self._intrinsics
+            )
+            if shift != (0.0, 0.0):
+                self._target.shift(*shift)
+        except Exception as error:  # without it the estimate only knows less
+            self._survived("ego-motion", error)
 
     def _range_on_ground(self, box: Box, telemetry: Telemetry, now_s: float) -> float | None:
         vehicle, gimbal = telemetry.vehicle, telemetry.gimbal
@@ -218,6 +242,7 @@ class App:
             range_estimate, hold = NO_RANGE, CommandReason.HOLD_FAULT
             gimbal = GimbalCommand(0.0, 0.0, None, None, telemetry.gimbal.frame, now_s, hold)
             velocity = VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, hold)
+        self._last = (target, range_estimate)
         record = StepRecord(
             seq=self._seq,
             t_s=now_s,

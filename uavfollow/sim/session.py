@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from sitl.render.geometry import GeometryCamera
-from sitl.render.renderer import Renderer
 
 from control.camera import Intrinsics
-from control.gimbal import GimbalLaw, GimbalLawConfig
+from control.gimbal import MAX_LOOP_DELAY_S, GimbalLaw, GimbalLawConfig
 from control.guidance.trail import TrailConfig, TrailGuidance
 from control.limits import VelocityLimiter, VelocityLimits
 from sitl.eyes import Eyes, GeometryEyes, PixelEyes
@@ -24,11 +22,14 @@ from sitl.flight import Flight, build_world
 from sitl.measure import MeasurementModel
 from sitl.metrics import CriterionResult, Source, Verdict, all_passed, compute, judge, run_json
 from sitl.operator import OperatorError
+from sitl.render.geometry import GeometryCamera
+from sitl.render.renderer import Renderer
 from sitl.run import Run, RunLog, Step
 from sitl.scenario import build
 from sitl.scenario.schema import LimitsSection, Scenario, Vary
 from sitl.scenario.seeds import seed_for
 from sitl.world.world import World
+from tracker.engines.cpu import describe_cpu
 from tracker.messages import Tracker
 from tracker.target import TargetTracker
 from uavfollow import __version__
@@ -38,7 +39,6 @@ from uavfollow.errors import InputError
 from uavfollow.mavlink.connection import Connection
 from uavfollow.mavlink.ids import CONTROLLER_COMPONENT
 from uavfollow.mavlink.pipe import PipeLink
-from uavfollow.record.summary import describe_cpu
 from uavfollow.sim.driver import CompanionDriver
 from uavfollow.sim.files import SimFiles
 from uavfollow.sim.report import write_sim_report
@@ -202,12 +202,18 @@ def build_app(scenario: Scenario, tracker: Tracker | None) -> App:
     return App(
         tracker=tracker,
         target=TargetTracker(),
-        gimbal_law=GimbalLaw(GimbalLawConfig()),
+        gimbal_law=GimbalLaw(GimbalLawConfig(loop_delay_s=loop_delay_s(scenario))),
         guidance=TrailGuidance(trail),
         limiter=VelocityLimiter(VelocityLimits().tighten(_limits(guidance.limits))),
         intrinsics=intrinsics,
         reference_range_m=FALLBACK_RANGE_M,
     )
+
+
+def loop_delay_s(scenario: Scenario) -> float:
+    """Exposure to motion of the camera, as whoever sets the vehicle up would have measured it."""
+    gimbal_s = 1e-3 * (scenario.gimbal.delay_ms + scenario.gimbal.lag_ms)
+    return min(1e-3 * scenario.camera.latency_ms + scenario.tracker_compute_delay_s + gimbal_s, MAX_LOOP_DELAY_S)
 
 
 def _limits(tight: LimitsSection) -> VelocityLimits:
@@ -228,9 +234,7 @@ def _eyes(scenario: Scenario, options: SimOptions, world: World) -> Eyes:
         return PixelEyes(Renderer(world, camera, seed_for(scenario, options.seed, Vary.NOISE)), camera)
     noise_seed = seed_for(scenario, options.seed, Vary.NOISE)
     errors = MeasurementModel(None, noise_seed, build.look_alikes(scenario), scenario.mirrored)
-    return GeometryEyes(
-        GeometryCamera(world, camera), errors, scenario.target.name, camera
-    )
+    return GeometryEyes(GeometryCamera(world, camera), errors, scenario.target.name, camera)
 
 
 def _tracker(options: SimOptions) -> tuple[Tracker | None, str]:

@@ -1,0 +1,52 @@
+"""What the target was before its box collapsed.
+
+A target that goes behind something is seen ever less: the box shrinks to what is left of it and slides along the edge,
+at good scores, until it is lost. The estimate then has the size and the motion of the last visible strip. This memory
+gives back the one from before.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from tracker.filter import FilterState
+
+# A car of 5 m that goes behind an edge at walking pace takes longer; by then the remainder is what is tracked.
+MEMORY_S = 1.5
+# A target that drives away at 5 m/s from 20 m loses 0.25 of ln(size) per second at most for a short time; half as much
+# again within a second is no distance.
+COLLAPSE_LN_SIZE = 0.25
+# States this near to the largest size are before the collapse; the last of them is the freshest.
+WHOLE_LN_SIZE = 0.04
+
+
+class SizeMemory:
+    """Filter states of the last `MEMORY_S` seconds, of times at which the target was seen."""
+
+    def __init__(self) -> None:
+        self._states: deque[FilterState] = deque()
+
+    def clear(self) -> None:
+        """Forget all, as for a new target."""
+        self._states.clear()
+
+    def add(self, state: FilterState) -> None:
+        """Keep a state."""
+        self._states.append(state)
+        while self._states[0].t_s < state.t_s - MEMORY_S:
+            self._states.popleft()
+
+    def shift(self, dx_px: float, dy_px: float) -> None:
+        """Move with the picture (ego-motion)."""
+        for state in self._states:
+            state.x[0] += dx_px
+            state.x[1] += dy_px
+
+    def before_collapse(self) -> FilterState | None:
+        """The last state before the box began to collapse; None when it has not."""
+        if not self._states:
+            return None
+        largest = max(state.ln_size for state in self._states)
+        if largest - self._states[-1].ln_size < COLLAPSE_LN_SIZE:
+            return None
+        return next(state for state in reversed(self._states) if state.ln_size >= largest - WHOLE_LN_SIZE)
