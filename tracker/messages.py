@@ -42,12 +42,17 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class SearchHint:
-    """Where to look: centre, its covariance (xx, xy, yy), relative search size, at most this many network calls."""
+    """Where to look: centre, its covariance (xx, xy, yy), relative search size, at most this many network calls.
+
+    `size_px` is what the target's width and height must be taken to be: given while it is not seen, when the tracker's
+    own last size is that of what it found instead. None: the tracker knows better.
+    """
 
     center_px: tuple[float, float]
     cov_px2: tuple[float, float, float]
     scale: float = 1.0
     max_calls: int = 1
+    size_px: tuple[float, float] | None = None
 
 
 class Tracker(Protocol):

@@ -129,7 +129,9 @@ class TargetTracker:
         if self._image_size_px is not None:
             cx, cy = (min(max(v, 0.0), side) for v, side in zip((cx, cy), self._image_size_px, strict=True))
         scale = min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
-        return SearchHint((cx, cy), (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])), scale)
+        unseen = self._status in (TargetStatus.COASTING, TargetStatus.SEARCHING)
+        size_px = (box.w_px, box.h_px) if unseen else None
+        return SearchHint((cx, cy), (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])), scale, size_px=size_px)
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the estimate with the picture (ego-motion); False, and nothing moved, when idle or not finite."""

@@ -25,7 +25,7 @@ class QuadrotorParams:
     max_accel_up_m_s2: float = 5.0  # a shaped climb asks for 1 to 2.5
     max_accel_down_m_s2: float = 4.0  # keeps half of the weight as thrust, so that tilt still steers
     max_jerk_m_s3: float = 25.0  # five times ArduPilot's shaping: bounds the answer to an unshaped step only
-    max_thrust_n: float = 75.0  # 2.5 times the weight: hover at 0.4 of the throttle, as SITL does
+    max_thrust_n: float = 75.0  # 2.5 times the weight, about as the recorded vehicle (MOT_THST_HOVER 0.36)
     idle_thrust_n: float = 1.5  # motors turning on the ground: a twentieth of the weight
     # The lags and gains below are fitted to the recording, to which tests/sitl/plant/test_recording.py holds them. They
     # stand for all of ArduPilot's loops and filters together and equal none of its parameters.

@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SUN_ELEVATION_RAD = (0.65, 1.05)  # 37 to 60 degrees: long enough shadows to be seen, short enough not to rule
 SUN_SHARE = (0.5, 0.62)  # of the light on flat ground; the rest is sky
-GAIN = (1.12, 1.32)  # exposure of the camera: albedos are taken as measured, and cameras expose brightly
+GAIN = (1.18, 1.38)  # exposure of the camera: albedos are taken as measured, and cameras expose brightly
 TINT = 0.03  # white balance error of each channel
 
 

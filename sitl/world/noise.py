@@ -63,7 +63,7 @@ class Grain:
 
     def __init__(self, rng: np.random.Generator) -> None:
         side = self.SIDE_PX
-        self._tile = octaves(rng, (side, side), (24, 64, 128, 256, 512, 1024), 0.92)
+        self._tile = octaves(rng, (side, side), (24, 64, 128, 256, 512, 1024), 1.06)
 
     @property
     def tile(self) -> FloatImage:

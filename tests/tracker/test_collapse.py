@@ -86,3 +86,16 @@ def test_the_memory_moves_with_the_picture():
     assert state.reason is TargetReason.SHAPE_COLLAPSE
     assert state.box.cx_px == pytest.approx(true_centre(t_s) + moved, abs=14.0)
     assert state.vel_px_s[0] == pytest.approx(SPEED_PX_S, rel=0.3), "the camera's turn is not in it"
+
+
+def test_while_it_is_not_seen_the_search_is_for_the_whole_target():
+    tracker = TargetTracker()
+    tracker.start(visible(0.0)[0].box, 0.0)
+    assert tracker.hint().size_px is None, "while it is seen the tracker knows its size better"
+    for k in range(1, 200):
+        state = tracker.step(visible(k / FPS), k / FPS, IMAGE)
+        if state.status is TargetStatus.COASTING:
+            break
+        assert tracker.hint().size_px is None
+    width_px, height_px = tracker.hint().size_px
+    assert math.sqrt(width_px * height_px) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.15)

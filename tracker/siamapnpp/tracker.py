@@ -18,6 +18,7 @@ MIN_TARGET_PX = 4.0  # a smaller box fills less than one cell of the exemplar's 
 FLOOR_PX = 4.0  # the official floor of 10 px makes small targets grow at once
 MAX_HINT_SCALE = 4.0  # beyond this the target has under 1/4 of the pixels that the exemplar was made from
 HINT_STEP_SIDES = 0.5  # a hint may move the search window by at most half its side: it is a prediction, not a jump
+MAX_HINT_SIZE_PX = 4096.0  # larger than any picture: a bound against nonsense
 
 
 class SiamAPNTracker:
@@ -46,7 +47,7 @@ class SiamAPNTracker:
     def update(self, frame: Frame, hint: SearchHint | None = None) -> tuple[Candidate, ...]:
         """Candidates in this frame, best first; empty when the network's output holds nothing finite.
 
-        With a hint the search window is centred there and scaled by it; without, it stays at the last place. Raises
+        With a hint the search window is centred there and scaled by it, and its size is taken over; without, it stays at the last place. Raises
         RuntimeError before `init`, ValueError when the picture is not a BGR uint8 image.
         """
         if not self._started:
@@ -66,6 +67,9 @@ class SiamAPNTracker:
         return tuple(found)
 
     def _search_window(self, hint: SearchHint | None) -> CropGeometry:
+        if hint is not None and hint.size_px is not None and all(math.isfinite(v) for v in hint.size_px):
+            width_px, height_px = (min(max(v, FLOOR_PX), MAX_HINT_SIZE_PX) for v in hint.size_px)
+            self._size_px = (width_px, height_px)
         side = exemplar_side_px(*self._size_px) * self._settings.search_px / EXEMPLAR_PX
         cx, cy, scale = *self._centre_px, 1.0
         if hint is not None and all(math.isfinite(v) for v in (*hint.center_px, hint.scale)):
