@@ -21,8 +21,8 @@ from sitl.metrics.sample import Sample
 from sitl.operator import MODES, Operator, OperatorError
 from sitl.scenario.build import clicked_box, start_pose
 from sitl.scenario.events import ClickEvent, FollowEvent, ModeEvent, PictureEvent, StopEvent
-from sitl.scenario.schema import Scenario
-from sitl.scenario.seeds import Vary, seed_for
+from sitl.scenario.schema import Scenario, Vary
+from sitl.scenario.seeds import seed_for
 from sitl.wire import SentGimbal, SentSetpoint, WireTap
 
 TICK_HZ = 200  # of the run; the plant below has its own, finer one

@@ -78,6 +78,7 @@ class TargetTracker:
         self._score = 0.0
         self._run = AgreeingRun()
         self._memory = SizeMemory()
+        self._narrow = True
         self._image_size_px: tuple[float, float] | None = None
 
     def start(self, box: Box, t_s: float) -> TargetState:
@@ -120,7 +121,9 @@ class TargetTracker:
     def hint(self, t_s: float | None = None) -> SearchHint | None:
         """Where to search in the picture of `t_s` (default: at the last step's time); None while IDLE or LOST.
 
-        The centre is held inside the last picture; `scale` widens the search until it holds the 2-sigma ellipse.
+        The centre is held inside the last picture; `scale` widens the search until it holds the 2-sigma ellipse. While
+        SEARCHING every other search that finds nothing is at scale 1: in a wide one the target has too few pixels left
+        to be recognised well, and the prediction may be better than its covariance says.
         """
         if self._status in _AT_REST:
             return None
@@ -128,7 +131,8 @@ class TargetTracker:
         cx, cy = box.cx_px, box.cy_px
         if self._image_size_px is not None:
             cx, cy = (min(max(v, 0.0), side) for v, side in zip((cx, cy), self._image_size_px, strict=True))
-        scale = min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
+        narrow = self._status is TargetStatus.SEARCHING and self._narrow
+        scale = 1.0 if narrow else min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
         unseen = self._status in (TargetStatus.COASTING, TargetStatus.SEARCHING)
         size_px = (box.w_px, box.h_px) if unseen else None
         return SearchHint((cx, cy), (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])), scale, size_px=size_px)
@@ -229,6 +233,7 @@ class TargetTracker:
     def _miss(self, reason: TargetReason) -> TargetReason:
         """Not seen in this step."""
         self._run.clear()
+        self._narrow = not self._narrow if self._status is TargetStatus.SEARCHING else True
         if self._status is TargetStatus.LOCKED:
             self._status = TargetStatus.COASTING
             if self._undo_collapse():

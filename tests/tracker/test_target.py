@@ -307,15 +307,17 @@ def test_hint_widens_with_the_ellipse_and_stays_in_the_picture():
         hint = tracker.hint()
         assert 0 <= hint.center_px[0] <= IMAGE[0]
         scales.append(hint.scale)
-    assert scales == sorted(scales)
+    wide = [s for s in scales if s > 1.0]
+    assert wide == sorted(wide)
     assert scales[0] == 1.0
-    assert 1.5 < scales[-1] < MAX_HINT_SCALE
+    assert 1.5 < wide[-1] < MAX_HINT_SCALE
 
 
 def test_hint_is_never_wider_than_the_tracker_can_search():
     tracker = TargetTracker(filter_config=FilterConfig(accel_sizes_s1_5=5.0))
     play(until(1, STEADY, []), 9.0, 30.0, tracker)
-    assert tracker.hint().scale == MAX_HINT_SCALE
+    scales = {tracker.hint().scale, (tracker.step([], 9.1, IMAGE), tracker.hint().scale)[1]}
+    assert scales == {1.0, MAX_HINT_SCALE}
 
 
 def test_shift_moves_box_and_run():
@@ -505,3 +507,29 @@ class AnyLoop(RuleBasedStateMachine):
 
 AnyLoop.TestCase.settings = settings(derandomize=True, max_examples=50, stateful_step_count=25, deadline=None)
 TestAnyLoop = AnyLoop.TestCase
+
+
+def test_searches_alternate_between_the_targets_scale_and_the_ellipse():
+    tracker = locked()
+    scales = []
+    for k in range(31, 31 + 120):
+        state = tracker.step([], k / 30, IMAGE)
+        if state.status is SEARCHING:
+            scales.append(tracker.hint().scale)
+    narrow, wide = scales[0::2], scales[1::2]
+    if narrow[0] != 1.0:
+        narrow, wide = wide, narrow
+    assert set(narrow) == {1.0}
+    assert min(wide) > 1.0
+    assert wide == sorted(wide)
+
+
+def test_a_search_that_found_something_is_not_changed():
+    tracker = locked()
+    k = 31
+    while tracker.step([], k / 30, IMAGE).status is not SEARCHING or tracker.hint().scale != 1.0:
+        k += 1
+    for _ in range(3):
+        k += 1
+        assert tracker.step(STEADY, k / 30, IMAGE).reason is TargetReason.CONFIRMING
+        assert tracker.hint().scale == 1.0

@@ -47,8 +47,8 @@ class SiamAPNTracker:
     def update(self, frame: Frame, hint: SearchHint | None = None) -> tuple[Candidate, ...]:
         """Candidates in this frame, best first; empty when the network's output holds nothing finite.
 
-        With a hint the search window is centred there and scaled by it, and its size is taken over; without, it stays at the last place. Raises
-        RuntimeError before `init`, ValueError when the picture is not a BGR uint8 image.
+        With a hint the search window is centred there and scaled by it, and its size is taken over; without, it stays
+        at the last place. Raises RuntimeError before `init`, ValueError when the picture is not a BGR uint8 image.
         """
         if not self._started:
             raise RuntimeError("update() before init(): the tracker has no exemplar yet")

@@ -30,6 +30,7 @@ from sitl.scenario.schema import LimitsSection, Scenario, Vary
 from sitl.scenario.seeds import seed_for
 from sitl.world.world import World
 from tracker.engines.cpu import describe_cpu
+from tracker.filter import FilterConfig
 from tracker.messages import Tracker
 from tracker.target import TargetTracker
 from uavfollow import __version__
@@ -45,6 +46,9 @@ from uavfollow.sim.report import write_sim_report
 
 # Without attitude and height there is no range to flat ground; then a target is taken to be this far away.
 FALLBACK_RANGE_M = 20.0
+# The camera's own motion is taken out of the estimate here, so what is left is the target's, and a car that goes behind
+# a tree does not stop there. (The filter's default is for video without telemetry, where most of it is the camera's.)
+COAST_TAU_S = 4.0
 # Tlogs carry unix time; a simulated flight has none, and the same run is to give the same bytes.
 TLOG_EPOCH_US = 1_600_000_000_000_000
 
@@ -201,7 +205,7 @@ def build_app(scenario: Scenario, tracker: Tracker | None) -> App:
     )
     return App(
         tracker=tracker,
-        target=TargetTracker(),
+        target=TargetTracker(filter_config=FilterConfig(coast_tau_s=COAST_TAU_S)),
         gimbal_law=GimbalLaw(GimbalLawConfig(loop_delay_s=loop_delay_s(scenario))),
         guidance=TrailGuidance(trail),
         limiter=VelocityLimiter(VelocityLimits().tighten(_limits(guidance.limits))),
