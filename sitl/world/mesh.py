@@ -130,10 +130,11 @@ class MeshBuilder:
         for first, last, layer in self._parts:
             middle = middles[first:last].mean(axis=0)
             parts.append(Part(first, last, (float(middle[0]), float(middle[1]), float(middle[2])), layer * scale))
-        samples = _samples(
-            [stacked[f] for f, d in zip(self._faces, self._decal, strict=True) if not d],
-            normals[~np.array(self._decal)],
-        )
+        solid = [stacked[f] for f, d in zip(self._faces, self._decal, strict=True) if not d]
+        mirrors = _is_symmetric(vertices)
+        samples = _samples(solid, normals[~np.array(self._decal)], SAMPLES // 2 if mirrors else SAMPLES)
+        if mirrors:
+            samples = _with_mirror_images(*samples)
         return Mesh(
             vertices,
             tuple(index[face] for face in self._faces),
@@ -148,8 +149,22 @@ class MeshBuilder:
         )
 
 
-def _samples(faces: Sequence[FloatArray], normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """About `SAMPLES` points spread over the faces: points (S, 3), normals (S, 3), areas (S,)."""
+def _is_symmetric(vertices: FloatArray) -> bool:
+    """Whether the left half of a body is the mirror image of the right one."""
+    mirrored = np.unique(np.round(vertices * [1.0, -1.0, 1.0], 9) + 0.0, axis=0)
+    return mirrored.shape == vertices.shape and bool(np.allclose(mirrored, np.unique(vertices + 0.0, axis=0)))
+
+
+def _with_mirror_images(
+    points: FloatArray, normals: FloatArray, areas: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Each sample and its mirror image, so that a mirrored scene has mirrored samples and the same visibility."""
+    side = np.array([1.0, -1.0, 1.0])
+    return np.concatenate([points, points * side]), np.concatenate([normals, normals * side]), np.tile(areas / 2, 2)
+
+
+def _samples(faces: Sequence[FloatArray], normals: FloatArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`count` points spread over the faces: points (S, 3), normals (S, 3), areas (S,)."""
     triangles, owners = [], []
     for i, face in enumerate(faces):
         for k in range(1, len(face) - 1):
@@ -158,14 +173,14 @@ def _samples(faces: Sequence[FloatArray], normals: FloatArray) -> tuple[FloatArr
     corners = np.array(triangles)
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     # Low-discrepancy points: the picks follow the area, the place within a triangle the golden ratios.
-    picks = np.searchsorted(np.cumsum(areas), (np.arange(SAMPLES) + 0.5) / SAMPLES * areas.sum())
-    a = np.mod(0.5 + np.arange(SAMPLES) * 0.7548776662466927, 1.0)
-    b = np.mod(0.5 + np.arange(SAMPLES) * 0.5698402909980532, 1.0)
+    picks = np.searchsorted(np.cumsum(areas), (np.arange(count) + 0.5) / count * areas.sum())
+    a = np.mod(0.5 + np.arange(count) * 0.7548776662466927, 1.0)
+    b = np.mod(0.5 + np.arange(count) * 0.5698402909980532, 1.0)
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
     chosen = corners[picks]
     points = chosen[:, 0] + a[:, None] * (chosen[:, 1] - chosen[:, 0]) + b[:, None] * (chosen[:, 2] - chosen[:, 0])
-    weights = np.full(SAMPLES, areas.sum() / SAMPLES)
+    weights = np.full(count, areas.sum() / count)
     return points, normals[np.array(owners)[picks]], weights
 
 

@@ -20,12 +20,13 @@ def run(*arguments: object) -> int:
 
 @pytest.fixture
 def short(tmp_path, capsys):
-    """The default scenario, three seconds long, as a file; and what it takes to change it."""
+    """The default scenario, four seconds long, as a file; and what it takes to change it."""
     from importlib import resources
 
     text = (resources.files("sitl") / "scenarios" / "default.yaml").read_text()
     values = yaml.safe_load(text)
-    values["duration_s"] = 3.0
+    values["duration_s"] = 4.0
+    values["target"]["path"]["start_s"] = 2.5
     values["criteria"] = [{"metric": "lock_share", "min": 0.5}]
 
     def write(**changes):
@@ -61,7 +62,7 @@ def test_a_flight_with_the_network_makes_a_film_of_the_scenarios_length(short, t
     told = json.loads(capsys.readouterr().out)
     assert told["engine"].startswith("model s")
     film = cv2.VideoCapture(str(out / "overlay.mp4"))
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(2.4 * 30, abs=12)
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == pytest.approx(3.4 * 30, abs=12)
     film.release()
     assert (out / "snapshots.jpg").is_file()
 
@@ -92,7 +93,8 @@ def test_a_bad_scenario_is_one_line(short, tmp_path, capsys, changes, said):
 
 
 def test_a_target_inside_a_building_is_one_line(short, tmp_path, capsys):
-    target = {"kind": "car", "name": "target", "path": {"points_ne_m": [[31, -18]]}}
+    path = {"points_ne_m": [[31, -18]]}
+    target = {"kind": "car", "name": "target", "colour_rgb": [176, 28, 30], "path": path}
     assert run("sim", short(target=target), "--geometry", "--out", tmp_path / "out") == 2
     error = capsys.readouterr().err
     assert "building" in error
