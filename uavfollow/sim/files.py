@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,7 +62,8 @@ class SimFiles:
             return
         record = step.decision.record
         image = draw_state(step.seen.image_bgr_u8, record.step.target, _truth(step), self._label)
-        image = draw_notice(image, _flight_line(step, begin_s))
+        fault = step.decision.fault
+        image = draw_notice(image, fault or _flight_line(step, begin_s), is_fault=fault is not None)
         if self._first_seq is None:
             self._first_seq = step.seen.seq
         number = step.seen.seq - self._first_seq
@@ -109,9 +111,8 @@ def _truth(step: Step) -> Box | None:
 
 def _flight_line(step: Step, begin_s: float) -> str:
     sample, decision = step.sample, step.decision
-    flight = "following" if sample.following else f"not following ({decision.flight_reason})"
-    north, east, down = sample.command_v_ned_m_s
-    speed = (
-        f"{(north * north + east * east) ** 0.5:.1f} m/s, {-down:+.1f} up" if sample.command_sent else "no setpoints"
-    )
-    return f"{sample.t_s - begin_s:5.1f} s  {flight}: {speed}  {sample.command_reason}"
+    when = f"{sample.t_s - begin_s:5.1f} s  "
+    if not sample.command_sent:
+        return f"{when}no setpoints ({decision.flight_reason})"
+    north, east, _ = sample.command_v_ned_m_s
+    return f"{when}{math.hypot(north, east):.1f} m/s  {sample.command_reason}"

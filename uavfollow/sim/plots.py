@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,10 @@ def plot_top_view(path: Path, steps: Sequence[Step], world: WorldSpec, title: st
 
 def _map(axis: Any, world: WorldSpec) -> None:
     for road in world.roads:
-        axis.plot([e for _, e in road.points], [n for n, _ in road.points], color="#bbbbbb", lw=8, alpha=0.6, zorder=0)
+        for (n0, e0), (n1, e1) in pairwise(road.points):
+            length, yaw = math.dist((n0, e0), (n1, e1)), math.atan2(e1 - e0, n1 - n0)
+            corners = _corners((n0 + n1) / 2, (e0 + e1) / 2, length, road.width_m, yaw)
+            axis.add_patch(Polygon(corners, color="#cfcfcf", zorder=0))
     for house in world.buildings:
         axis.add_patch(Polygon(_corners(house.north_m, house.east_m, house.length_m, house.width_m, house.yaw_rad),
                                color="#8d7f72", alpha=0.6))  # fmt: skip

@@ -42,11 +42,12 @@ def draw_state(image_bgr_u8: ImageU8, target: TargetState, truth: Box | None, la
     return canvas
 
 
-def draw_notice(image_bgr_u8: ImageU8, notice: str) -> ImageU8:
-    """A copy of the picture with one line of text below the status, for what went wrong."""
+def draw_notice(image_bgr_u8: ImageU8, notice: str, is_fault: bool = True) -> ImageU8:
+    """A copy of the picture with one line of text below the status: what went wrong (red), or more of the state."""
     canvas: ImageU8 = image_bgr_u8.copy()
     scale = max(canvas.shape[1] / 1280, 0.45)
-    _text(canvas, notice, (round(10 * scale), round(56 * scale)), 0.7 * scale, COLOURS_BGR[TargetStatus.LOST])
+    colour = COLOURS_BGR[TargetStatus.LOST] if is_fault else (255, 255, 255)
+    _text(canvas, notice, (round(10 * scale), round(56 * scale)), 0.7 * scale, colour)
     return canvas
 
 
