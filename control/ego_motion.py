@@ -20,8 +20,8 @@ from control.range import RangeEstimate
 MAX_MISMATCH_S = 0.15
 # Exposures further apart than this are no pair: too much may have happened in between.
 MAX_PAIR_S = 1.0
-# A shift of more than this many picture widths means that one of the two attitudes is wrong, or the target long gone.
-MAX_SHIFT_WIDTHS = 1.0
+# No gimbal follows a target faster than this (100 deg/s); a greater shift means that one of the two attitudes is wrong.
+MAX_TURN_RAD_S = 1.75
 
 
 class CameraMotion:
@@ -59,7 +59,9 @@ class CameraMotion:
         if moved is None:
             return 0.0, 0.0
         shift = (moved[0] - pixel[0], moved[1] - pixel[1])
-        return shift if math.hypot(*shift) <= MAX_SHIFT_WIDTHS * intrinsics.width_px else (0.0, 0.0)
+        # Off the axis a turn moves the picture by up to twice as much (at 45 degrees).
+        limit_px = 2.0 * MAX_TURN_RAD_S * (t_s - last[0]) * intrinsics.fx_px
+        return shift if math.hypot(*shift) <= limit_px else (0.0, 0.0)
 
     @staticmethod
     def _usable(

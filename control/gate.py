@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from control.messages import CommandReason, GimbalState, VehicleState
@@ -69,3 +71,31 @@ def _is_finite(target: TargetState, now_s: float) -> bool:
     if target.box is not None:
         values += [target.box.cx_px, target.box.cy_px, target.box.w_px, target.box.h_px]
     return all_finite(*values) and (target.cov is None or bool((np.abs(target.cov) <= MAX_MAGNITUDE).all()))
+
+
+# What the reports of 50 and 25 Hz may disagree by in a hard turn; a reset of the estimator is metres.
+MAX_POSITION_JUMP_M = 1.5
+# Faster than this no vehicle that is followed with turns; a reset of the heading comes at once.
+MAX_TURN_RAD_S = 4.0
+# Interpolation and rounding of two headings a frame apart.
+TURN_SLACK_RAD = 0.1
+
+
+def has_jumped(before: VehicleState, after: VehicleState) -> bool:
+    """Whether position or heading changed by more than the vehicle can move: the estimator was reset, the vehicle not.
+
+    False when the two are not of one flight of reports: more than a second apart, not valid or not finite.
+    """
+    dt_s = after.t_s - before.t_s
+    values = [v for s in (before, after) for v in (s.yaw_rad, *s.pos_ned_m, *s.vel_ned_m_s)]
+    if not 0 < dt_s <= 1.0 or not all_finite(*values):
+        return False
+    if before.attitude_valid and after.attitude_valid:
+        turn = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
+        if abs(turn) > MAX_TURN_RAD_S * dt_s + TURN_SLACK_RAD:
+            return True
+    if not (before.position_valid and after.position_valid):
+        return False
+    expected = [dt_s * (a + b) / 2 for a, b in zip(before.vel_ned_m_s, after.vel_ned_m_s, strict=True)]
+    moved = [b - a for a, b in zip(before.pos_ned_m, after.pos_ned_m, strict=True)]
+    return math.dist(expected, moved) > MAX_POSITION_JUMP_M

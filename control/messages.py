@@ -88,15 +88,20 @@ class VelocityCommand:
 
 @dataclass(frozen=True, slots=True)
 class FlightStatus:
-    """What the autopilot says of itself, with the times (our clock) of the two messages it came in; -inf = never.
+    """What the autopilot says of itself, with the times (our clock) it was heard; -inf = never.
 
     `accepts_setpoints`: the mode is the one in which it obeys velocity setpoints (ArduPilot GUIDED). `mode` names it
-    for logs. `airborne`: landed state "in the air", so neither on the ground nor in take-off or landing.
+    for logs. `failsafe`: it reports a critical or emergency state. `airborne`: landed state "in the air", so neither on
+    the ground nor in take-off or landing. `position_good`: its estimator has a position. `t_timesync_s`: when it last
+    answered quickly to a question about its time, so that what comes over the link is known to be young.
     """
 
     t_heartbeat_s: float
     mode: str
     accepts_setpoints: bool
     armed: bool
+    failsafe: bool
     t_landed_state_s: float
     airborne: bool
+    position_good: bool
+    t_timesync_s: float

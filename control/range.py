@@ -27,22 +27,29 @@ class RangeEstimate:
 
 NO_RANGE = RangeEstimate(math.nan, math.nan, False)
 
-# Closer to the horizon than this a degree of error in the gimbal is 20 % of the range or more.
-MIN_DEPRESSION_RAD = math.radians(5.0)
+# Closer to the horizon than this a degree of error in the gimbal is 10 % of the range or more.
+MIN_DEPRESSION_RAD = math.radians(10.0)
+# Lower than this the target's own height, which is not known, is a large part of it.
+MIN_HEIGHT_M = 4.0
 # Beyond it nothing that can be followed is large enough in the picture.
 MAX_GROUND_RANGE_M = 500.0
 
 
-def ground_range_m(sight_ned: Array, height_m: float) -> float | None:
-    """Slant range (m) at which a line of sight (3,), unit, NED, meets flat ground `height_m` below the camera.
+def ground_range_m(sight_ned: Array, height_m: float, half_height_rad: float = 0.0) -> float | None:
+    """Slant range (m) of what stands on flat ground `height_m` below the camera, seen along `sight_ned` (3,), unit.
 
-    None when it is not steep enough to say, the height is not positive, or a number is not finite. The ground is taken
-    as level with the place of take-off.
+    The line goes to its middle; `half_height_rad` is the angle from there to its lower edge, by which its middle is
+    taken to lie above the ground. None when the line is not steep enough or the camera not high enough to say, or a
+    number is not finite. The ground is taken as level with the place of take-off: on lower ground the result is too
+    small, on higher ground too large.
     """
     down = float(sight_ned[2])
-    if not all_finite(down, height_m) or down < math.sin(MIN_DEPRESSION_RAD) or height_m <= 0:
+    if not all_finite(down, height_m, half_height_rad) or height_m < MIN_HEIGHT_M or not 0 <= half_height_rad < 1:
         return None
-    range_m = height_m / down
+    if down < math.sin(MIN_DEPRESSION_RAD):
+        return None
+    # Middle at height h above the ground: range * down = height - h, with h = range * half_height * cos(depression).
+    range_m = height_m / (down + half_height_rad * math.sqrt(max(0.0, 1.0 - down * down)))
     return range_m if range_m <= MAX_GROUND_RANGE_M else None
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 from control.camera import Intrinsics
 from control.ego_motion import CameraMotion
 from control.frames import GIMBAL_FROM_CAMERA, ned_from_gimbal
-from control.gate import telemetry_hold
+from control.gate import has_jumped, telemetry_hold
 from control.gimbal import GimbalLaw
 from control.guidance.trail import TrailGuidance
 from control.limits import VelocityLimiter
@@ -67,7 +67,11 @@ class StepRecord:
 
 
 class App:
-    """Tracker, target estimate, gimbal law, guidance and limits, wired in the order of the data."""
+    """Tracker, target estimate, gimbal law, guidance and limits, wired in the order of the data.
+
+    `reference_range_m` is what the operator says of the range at a selection, for where the ground does not tell it;
+    None: then there is no range, and the vehicle only turns.
+    """
 
     def __init__(
         self,
@@ -77,7 +81,7 @@ class App:
         guidance: TrailGuidance,
         limiter: VelocityLimiter,
         intrinsics: Intrinsics,
-        reference_range_m: float,
+        reference_range_m: float | None,
         stopwatch: Stopwatch | None = None,
     ) -> None:
         self._tracker = tracker
@@ -86,10 +90,12 @@ class App:
         self._guidance = guidance
         self._limiter = limiter
         self._intrinsics = intrinsics
-        SizeRange(reference_range_m, 1.0)  # raises ValueError now and not in flight
+        if reference_range_m is not None:
+            SizeRange(reference_range_m, 1.0)  # raises ValueError now and not in flight
         self._reference_range_m = reference_range_m
         self._range: SizeRange | None = None
         self._camera_motion = CameraMotion()
+        self._vehicle: VehicleState | None = None
         self._last: tuple[TargetState, RangeEstimate] | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self._seq = 0
@@ -101,14 +107,14 @@ class App:
         """Select `box` in `frame` (None when candidates come from elsewhere, exposed at `t_capture_s`).
 
         The range is then that of flat ground under the box, where attitude, height and gimbal are known and the line is
-        steep enough, else the reference range. Raises ValueError when it cannot be; what was followed before is then
-        followed on.
+        steep enough, else the reference range, if there is one. Raises ValueError when it cannot be; what was followed
+        before is then followed on.
         """
         t_s = frame.t_capture_s if frame is not None else now_s if t_capture_s is None else t_capture_s
         if not (math.isfinite(t_s) and math.isfinite(now_s) and box.is_valid):
             raise ValueError(f"box {box} at {t_s} s cannot be selected: a number that is not finite, or no size")
         range_m = self._range_on_ground(box, telemetry, now_s) or self._reference_range_m
-        size_range = SizeRange(range_m, (box.w_px * box.h_px) ** 0.5)
+        size_range = SizeRange(range_m, (box.w_px * box.h_px) ** 0.5) if range_m is not None else None
         if self._tracker is not None and frame is not None:
             with self._stopwatch.section("track"):
                 self._tracker.init(frame, box)
@@ -160,6 +166,11 @@ class App:
 
     def _follow_camera(self, telemetry: Telemetry, t_s: float) -> None:
         """Move the estimate as far as the camera's own motion since the last exposure moved the picture."""
+        before, self._vehicle = self._vehicle, telemetry.vehicle
+        if before is not None and has_jumped(before, telemetry.vehicle):
+            log.warning("step %d: the vehicle's position or heading jumped; its motion starts anew", self._seq)
+            self._camera_motion.reset()
+            self._guidance.reset()
         box = self._last[0].box if self._last is not None else None
         range_estimate = self._last[1] if self._last is not None else NO_RANGE
         pixel = (box.cx_px, box.cy_px) if box is not None else None
@@ -178,7 +189,8 @@ class App:
             return None
         to_ned = ned_from_gimbal(gimbal.pitch_rad, gimbal.yaw_rad, gimbal.frame, vehicle.yaw_rad)
         sight = to_ned @ GIMBAL_FROM_CAMERA @ self._intrinsics.ray(box.cx_px, box.cy_px)
-        return ground_range_m(sight, -vehicle.pos_ned_m[2])
+        half_height_rad = box.h_px / 2 / self._intrinsics.fy_px
+        return ground_range_m(sight, -vehicle.pos_ned_m[2], half_height_rad)
 
     def _exposure_s(self, seen: Frame | Sequence[Candidate] | None, now_s: float, t_capture_s: float | None) -> float:
         if seen is None:

@@ -29,6 +29,8 @@ from tracker.messages import TargetState, TargetStatus
 MIN_GROUND_RANGE_M = 0.5
 # Places further apart in time than this make no velocity; the estimate starts again from zero.
 MAX_GAP_S = 1.0
+# A target that fills this share of the picture's width or height is too near, whatever the range estimate says.
+MAX_APPARENT_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +113,8 @@ class TrailGuidance:
 
         `gimbal` and `vehicle` are those of the exposure (`target.t_s`) or the nearest reports. Zero with a HOLD reason
         when target, telemetry or a number is not usable. Without a usable range it only turns (NO_RANGE). Below
-        `min_standoff_m` nothing points towards the target, it only retreats (TOO_CLOSE, or COASTING on a prediction).
+        `min_standoff_m`, or when the target fills the picture, nothing points towards it, the vehicle only retreats
+        (TOO_CLOSE, or COASTING on a prediction).
         """
         hold = target_hold(target, now_s) or telemetry_hold(vehicle, gimbal, now_s)
         if hold is None and range_estimate.valid and not all_finite(range_estimate.range_m, range_estimate.sigma_m):
@@ -127,7 +130,7 @@ class TrailGuidance:
             return VelocityCommand((0.0, 0.0, 0.0), yaw_rate, now_s, CommandReason.NO_RANGE)
         north, east, reason = self._horizontal(target, vehicle, line)
         down = self._down_m_s(vehicle)
-        if line.ground_m < self._config.min_standoff_m:
+        if line.ground_m < self._config.min_standoff_m or _fills_picture(target, intrinsics):
             north, east, down = _not_towards(line, north, east, down)
             # A coast stays a coast: the limiter slows it down, and a retreat by a prediction may wait.
             reason = CommandReason.COASTING if reason is CommandReason.COASTING else CommandReason.TOO_CLOSE
@@ -201,6 +204,12 @@ class TrailGuidance:
         speed = math.hypot(step_north, step_east) / dt_s
         scale = 1.0 if speed <= self._config.max_target_speed_m_s else self._config.max_target_speed_m_s / speed
         self._target_ne_m_s = (step_north / dt_s * scale, step_east / dt_s * scale)
+
+
+def _fills_picture(target: TargetState, intrinsics: Intrinsics) -> bool:
+    box = target.box
+    assert box is not None  # target_hold has seen to it
+    return max(box.w_px / intrinsics.width_px, box.h_px / intrinsics.height_px) > MAX_APPARENT_SHARE
 
 
 def _not_towards(line: _Line, north: float, east: float, down: float) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from control.gate import (
     MAX_TELEMETRY_AGE_S,
     all_finite,
     gimbal_usable,
+    has_jumped,
     is_fresh,
     target_hold,
     telemetry_hold,
@@ -61,3 +62,28 @@ def test_invalid_telemetry_holds_even_when_its_numbers_are_not_finite(flag):
 def test_absurdly_large_is_not_finite():
     assert all_finite(1.0, -1e9)
     assert not all_finite(1.0, 1e200)
+
+
+def reports(dt_s=0.1, **changes):
+    before = vehicle(t_s=NOW_S, vel_ned_m_s=(4.0, 0.0, 0.0))
+    after = {"t_s": NOW_S + dt_s, "vel_ned_m_s": (4.0, 0.0, 0.0), "pos_ned_m": (4.0 * dt_s, 0.0, -10.0)} | changes
+    return before, vehicle(**after)
+
+
+@pytest.mark.parametrize(
+    ("changes", "jumped"),
+    [
+        ({}, False),
+        ({"pos_ned_m": (1.8, 0.0, -10.0)}, False),
+        ({"pos_ned_m": (5.4, 0.0, -10.0)}, True),
+        ({"pos_ned_m": (0.4, 0.0, -14.0)}, True),
+        ({"yaw_rad": 0.45}, False),
+        ({"yaw_rad": 0.55}, True),
+        ({"yaw_rad": -0.55}, True),
+        ({"pos_ned_m": (50.0, 0.0, -10.0), "position_valid": False}, False),
+        ({"pos_ned_m": (50.0, 0.0, -10.0), "dt_s": 1.1}, False),
+        ({"pos_ned_m": (50.0, 0.0, -10.0), "dt_s": 0.0}, False),
+    ],
+)
+def test_a_reset_of_the_estimator_is_no_motion(changes, jumped):
+    assert has_jumped(*reports(**changes)) is jumped

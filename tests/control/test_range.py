@@ -70,13 +70,14 @@ def test_bad_references_are_refused(values):
     [
         (30.0, 12.0, 24.0),
         (90.0, 12.0, 12.0),
-        (5.01, 10.0, 10.0 / math.sin(math.radians(5.01))),
-        (4.9, 10.0, None),  # too flat to say
+        (10.01, 10.0, 10.0 / math.sin(math.radians(10.01))),
+        (9.9, 10.0, None),  # too flat to say
         (-30.0, 12.0, None),  # the sky
         (30.0, 0.0, None),
         (30.0, -3.0, None),
+        (30.0, 3.9, None),  # so low that the height of the target would be a large part of it
         (30.0, math.nan, None),
-        (5.1, 100.0, None),  # further than anything that can be followed
+        (10.1, 100.0, None),  # further than anything that can be followed
     ],
 )
 def test_range_to_flat_ground(depression_deg, height_m, range_m):
@@ -84,3 +85,14 @@ def test_range_to_flat_ground(depression_deg, height_m, range_m):
     sight = np.array([math.cos(angle) * 0.6, math.cos(angle) * -0.8, math.sin(angle)])
     found = ground_range_m(sight, height_m)
     assert found == (None if range_m is None else pytest.approx(range_m))
+
+
+@given(st.floats(0.2, 1.2), st.floats(6.0, 40.0), st.floats(0.3, 1.5))
+def test_a_thing_that_stands_on_the_ground_is_not_taken_for_one_further_away(depression, height_m, half_height_m):
+    """The line to its middle meets the ground behind it; the angle to its lower edge takes that out."""
+    range_m = (height_m - half_height_m) / math.sin(depression)
+    sight = np.array([math.cos(depression), 0.0, math.sin(depression)])
+    half_height_rad = half_height_m / math.cos(depression) / range_m
+    found = ground_range_m(sight, height_m, half_height_rad)
+    assert found == pytest.approx(range_m, rel=1e-6)
+    assert ground_range_m(sight, height_m) > range_m

@@ -14,7 +14,15 @@ from control.supervisor import FlightReason, FlightSupervisor, flight_obstacle
 
 NOW_S = 100.0
 GOOD = FlightStatus(
-    t_heartbeat_s=NOW_S, mode="GUIDED", accepts_setpoints=True, armed=True, t_landed_state_s=NOW_S, airborne=True
+    t_heartbeat_s=NOW_S,
+    mode="GUIDED",
+    accepts_setpoints=True,
+    armed=True,
+    failsafe=False,
+    t_landed_state_s=NOW_S,
+    airborne=True,
+    position_good=True,
+    t_timesync_s=NOW_S,
 )
 BROKEN = [
     ({"t_heartbeat_s": -math.inf}, FlightReason.NO_HEARTBEAT),
@@ -25,7 +33,12 @@ BROKEN = [
     ({"airborne": False}, FlightReason.NOT_AIRBORNE),
     ({"t_landed_state_s": NOW_S - 2.1}, FlightReason.NOT_AIRBORNE),
     ({"t_landed_state_s": math.nan}, FlightReason.NOT_AIRBORNE),
+    ({"failsafe": True}, FlightReason.FAILSAFE),
+    ({"t_timesync_s": NOW_S - 5.1}, FlightReason.LINK_LATE),
+    ({"t_timesync_s": -math.inf}, FlightReason.LINK_LATE),
 ]
+# Not old enough to end, too old to fly on.
+AGEING = [{"t_heartbeat_s": NOW_S - 1.3}, {"t_landed_state_s": NOW_S - 1.1}, {"t_timesync_s": NOW_S - 3.6}]
 
 
 def moving(now_s: float = NOW_S) -> VelocityCommand:
@@ -78,7 +91,8 @@ def test_a_refused_start_does_not_end_what_runs():
 
 def test_engaging_again_keeps_the_time_of_the_first():
     supervisor = engaged()
-    later = dataclasses.replace(GOOD, t_heartbeat_s=NOW_S + 1, t_landed_state_s=NOW_S + 1)
+    assert supervisor.engage(GOOD, NOW_S).since_s == NOW_S
+    later = dataclasses.replace(GOOD, t_heartbeat_s=NOW_S + 1, t_landed_state_s=NOW_S + 1, t_timesync_s=NOW_S + 1)
     assert supervisor.engage(later, NOW_S + 1).since_s == NOW_S
 
 
@@ -104,6 +118,34 @@ def test_stop_is_silence_and_keeps_the_first_reason():
 def test_what_cannot_be_flown_on_is_zeros(command, t_picture_s, reason):
     passed = engaged().passed(command, t_picture_s, GOOD, NOW_S)
     assert passed == VelocityCommand((0.0, 0.0, 0.0), 0.0, NOW_S, reason)
+
+
+@pytest.mark.parametrize("change", AGEING)
+def test_zeros_come_before_silence(change):
+    """ArduPilot flies on for 3 s after silence, so the last word before it must be a stop."""
+    supervisor = engaged()
+    passed = supervisor.passed(moving(), NOW_S, dataclasses.replace(GOOD, **change), NOW_S)
+    assert passed == VelocityCommand((0.0, 0.0, 0.0), 0.0, NOW_S, CommandReason.HOLD_NO_TELEMETRY)
+    assert supervisor.permission.allowed
+    assert supervisor.passed(moving(), NOW_S, GOOD, NOW_S) == moving(), "it was only late"
+
+
+@pytest.mark.parametrize("change", [*AGEING, {"position_good": False}])
+def test_a_start_asks_for_more_than_going_on(change):
+    status = dataclasses.replace(GOOD, **change)
+    assert not FlightSupervisor().engage(status, NOW_S).allowed
+    assert engaged().step(status, NOW_S).allowed
+
+
+def test_a_long_hold_ends_it_and_a_short_one_does_not():
+    supervisor = engaged()
+    for k in range(200):
+        now_s = NOW_S + k / 10
+        status = dataclasses.replace(GOOD, t_heartbeat_s=now_s, t_landed_state_s=now_s, t_timesync_s=now_s)
+        command = moving(now_s) if k == 50 else VelocityCommand((0, 0, 0), 0, now_s, CommandReason.HOLD_NO_TARGET)
+        passed = supervisor.passed(command, now_s, status, now_s)
+        assert (passed is not None) is (k <= 51 + 120)
+    assert supervisor.permission.reason is FlightReason.HELD_LONG
 
 
 @given(st.lists(st.sampled_from(["engage", "stop", "good", *(str(i) for i in range(len(BROKEN)))]), max_size=30))

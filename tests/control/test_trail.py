@@ -354,3 +354,14 @@ def test_closed_loop_does_not_depend_on_the_frame_rate():
     ]
     for run in runs[1:]:
         assert np.abs(run - runs[0]).max() < 0.6
+
+
+@pytest.mark.parametrize("box", [Box(*CENTRE, 0.55 * 640, 100.0), Box(*CENTRE, 100.0, 0.55 * 360)])
+def test_a_target_that_fills_the_picture_is_not_approached_whatever_the_range_says(box):
+    far = RangeEstimate(60.0, 2.0, True)
+    law = TrailGuidance(TrailConfig(standoff_m=15.0))
+    small = law.step(target(), gimbal(), CAMERA, vehicle(), far, NOW_S)
+    large = TrailGuidance(TrailConfig(standoff_m=15.0)).step(target(box=box), gimbal(), CAMERA, vehicle(), far, NOW_S)
+    assert small.v_ned_m_s[0] > 1.0
+    assert large.v_ned_m_s[0] <= 0.0
+    assert large.reason is CommandReason.TOO_CLOSE

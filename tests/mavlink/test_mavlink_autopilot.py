@@ -69,7 +69,7 @@ def told(*messages, now_s: float = 100.0) -> AutopilotView:
     ],
 )
 def test_mode_and_arming(message, mode, accepts, armed):
-    status = told(message).status()
+    status = told(message).status(100.0)
     assert (status.mode, status.accepts_setpoints, status.armed, status.t_heartbeat_s) == (mode, accepts, armed, 100.0)
 
 
@@ -77,12 +77,12 @@ def test_only_the_autopilot_of_our_vehicle_counts():
     view = AutopilotView(1)
     for source in ((2, 1), (1, 100), (255, 190)):
         view.take(wired(heartbeat(), *source), 100.0)
-    assert view.status().t_heartbeat_s == -math.inf
+    assert view.status(100.0).t_heartbeat_s == -math.inf
 
 
 @pytest.mark.parametrize(("state", "airborne"), [(0, False), (1, False), (2, True), (3, False), (4, False)])
 def test_airborne_is_neither_take_off_nor_landing(state, airborne):
-    assert told(dialect.MAVLink_extended_sys_state_message(0, state)).status().airborne is airborne
+    assert told(dialect.MAVLink_extended_sys_state_message(0, state)).status(100.0).airborne is airborne
 
 
 def test_nothing_heard_is_not_valid():
@@ -159,7 +159,7 @@ def test_a_restart_forgets_everything():
     view = told(heartbeat(), attitude(100.0), position(100.0, *[0.0] * 6), good_estimator())
     view.take(wired(dialect.MAVLink_attitude_message(500, 0, 0, 0, 0, 0, 0)), 101.0)
     assert view.reboots == 1
-    assert view.status().t_landed_state_s == -math.inf
+    assert view.status(100.0).t_landed_state_s == -math.inf
     assert not view.vehicle_at(101.0, 101.0).position_valid
 
 
@@ -197,7 +197,11 @@ def test_the_recorded_flight_is_understood():
         first_us = first_us or t_us
         now_s = (t_us - first_us) * 1e-6
         view.take(message, now_s)
-        seen[round(now_s)] = (view.status(), view.vehicle_at(now_s, now_s), view.gimbal_at(now_s, GimbalFrame.EARTH))
+        seen[round(now_s)] = (
+            view.status(now_s),
+            view.vehicle_at(now_s, now_s),
+            view.gimbal_at(now_s, GimbalFrame.EARTH),
+        )
     status, vehicle, state = seen[64]
     assert (status.mode, status.armed, status.airborne) == ("GUIDED", True, True)
     assert vehicle.position_valid

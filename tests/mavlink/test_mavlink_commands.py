@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -73,7 +75,7 @@ def grant_after(result: int | None) -> tuple[GimbalGrant, CommandQueue]:
         if result is not None:
             commands.answered(ack(1001, result))
             break
-    grant.update(commands.outcomes, None)
+    grant.update(commands.outcomes, None, -math.inf, 5.0)
     commands.outcomes.clear()
     return grant, commands
 
@@ -87,12 +89,12 @@ def test_control_is_held_only_after_a_yes(result, state):
 
 def test_taken_by_someone_else_stays_taken_until_asked_again():
     grant, commands = grant_after(0)
-    grant.update([], (255, 190))
+    grant.update([], (255, 190), 4.9, 5.1)
     assert grant.state is GrantState.HELD, "a status from before the grant"
-    grant.update([], OWN)
-    grant.update([], (255, 190))
+    grant.update([], OWN, 5.2, 5.2)
+    grant.update([], (255, 190), 5.4, 5.4)
     assert grant.state is GrantState.TAKEN
-    grant.update([], OWN)
+    grant.update([], OWN, 5.6, 5.6)
     assert grant.state is GrantState.TAKEN
     grant.ask(commands)
     assert grant.state is GrantState.ASKED
@@ -106,8 +108,17 @@ def test_release_sends_minus_three_once():
     assert (message.command, message.param1, message.param2) == (1001, -3.0, -3.0)
     commands.answered(ack(1001))
     assert commands.is_idle
-    grant.update(commands.outcomes, (0, 0))
+    grant.update(commands.outcomes, (0, 0), 11.0, 11.0)
     assert grant.state is GrantState.RELEASED
+
+
+def test_a_taking_that_was_missed_is_noticed():
+    """The one status that named us was lost: a later one that names another says enough."""
+    grant, _ = grant_after(0)
+    grant.update([], (255, 190), 5.9, 5.9)
+    assert grant.state is GrantState.HELD, "the manager may be slow to say so"
+    grant.update([], (255, 190), 6.1, 6.1)
+    assert grant.state is GrantState.TAKEN
 
 
 def test_a_restart_of_the_autopilot_takes_the_gimbal():

@@ -195,3 +195,16 @@ def test_a_connection_sends_each_component_by_its_own_packer_and_taps_both_ways(
         connection.send(42, controller_heartbeat())
     connection.close()
     assert not here.is_open
+
+
+def test_a_recording_that_fails_stops_nothing() -> None:
+    def full_disk(frame: bytes) -> None:
+        raise OSError(28, "no space left")
+
+    here, there = PipeLink.pair()
+    connection = Connection(here, 1, (191,), tap=full_disk)
+    connection.send(191, controller_heartbeat())
+    assert there.read_available(), "it was sent"
+    there.write(Packer(1, 1).pack(controller_heartbeat()) * 2)
+    assert len(connection.receive()) == 2, "and both were received"
+    assert connection.tap_failures == 3

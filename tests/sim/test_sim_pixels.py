@@ -49,7 +49,7 @@ def test_random_weights_do_not_pass(tmp_path):
 def test_the_default_scenario_with_the_network(seed):
     result = fly(load_scenario("default"), seed, model="s")
     assert result.metrics["limit_violations"] == 0
-    assert result.metrics["setpoint_gap_max_s"] <= 0.055
+    assert result.metrics["setpoint_gap_max_s"] <= 0.085
     assert result.metrics["lock_share"] > 0.5
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from control.frames import rpy_from_quaternion, wrap_pi
 from control.messages import FlightStatus, GimbalFrame, GimbalState, VehicleState
 from uavfollow.mavlink import ids
+from uavfollow.mavlink.body_angles import BodyAngles
 from uavfollow.mavlink.boot_clock import BootClock
 from uavfollow.mavlink.history import History
 from uavfollow.mavlink.packer import Message
@@ -39,11 +40,13 @@ class AutopilotView:
         self.reboots = 0
         self.unusable = 0
         self.gimbal_primary: tuple[int, int] | None = None
+        self.gimbal_primary_s = NEVER_S
         self._device_id = gimbal_device_id
         self._attitude = History(angles=(0, 1, 2))
         self._position = History()
         self._gimbal = History(angles=(0, 1))
         self._gimbal_frame = GimbalFrame.VEHICLE
+        self._body_angles = BodyAngles()
         self._forget()
         self._handlers: dict[str, Callable[[Message, float], None]] = {
             "HEARTBEAT": self._heartbeat,
@@ -60,9 +63,11 @@ class AutopilotView:
         for history in (self._attitude, self._position, self._gimbal):
             history.clear()
         self._heartbeat_s = self._landed_s = self._estimator_s = NEVER_S
-        self._accepts = self._armed = self._airborne = self._estimator_good = False
+        self._accepts = self._armed = self._failsafe = self._airborne = self._estimator_good = False
         self._mode = "unknown"
         self.gimbal_primary = None
+        self._heard_s: dict[str, float] = {}
+        self._body_angles.reset()
 
     def take(self, message: Message, now_s: float) -> None:
         """Use a message received at `now_s` (our clock); those of other components and of unknown use are left."""
@@ -70,6 +75,7 @@ class AutopilotView:
         source = (message.get_srcSystem(), message.get_srcComponent())
         if handler is None or source != (self.system_id, ids.AUTOPILOT_COMPONENT):
             return
+        self._heard_s[message.get_type()] = now_s
         try:
             handler(message, now_s)
         except Exception as error:  # one bad packet must not end a flight
@@ -84,14 +90,26 @@ class AutopilotView:
         if self.clock.reply(tc1_ns, ts1_ns, now_s):
             self._hear(tc1_ns * 1e-9, now_s)
 
-    def telemetry_age_s(self, now_s: float) -> float:
-        """Since the newest attitude report; inf when there is none."""
-        last = self._attitude.last
-        return math.inf if last is None else now_s - last[0]
+    def oldest_stream_s(self, names: Iterable[str]) -> float:
+        """When that of the messages `names` was heard last which has been silent longest; -inf: one never came."""
+        return min((self._heard_s.get(name, NEVER_S) for name in names), default=NEVER_S)
 
-    def status(self) -> FlightStatus:
-        """Mode, armed, in the air, with the times they were heard."""
-        return FlightStatus(self._heartbeat_s, self._mode, self._accepts, self._armed, self._landed_s, self._airborne)
+    def status(self, now_s: float) -> FlightStatus:
+        """Mode, armed, in the air and so on, with the times they were heard."""
+        return FlightStatus(
+            t_heartbeat_s=self._heartbeat_s,
+            mode=self._mode,
+            accepts_setpoints=self._accepts,
+            armed=self._armed,
+            failsafe=self._failsafe,
+            t_landed_state_s=self._landed_s,
+            airborne=self._airborne,
+            position_good=self._has_position(now_s),
+            t_timesync_s=self.clock.t_quick_answer_s,
+        )
+
+    def _has_position(self, now_s: float) -> bool:
+        return self._estimator_good and now_s - self._estimator_s <= MAX_ESTIMATOR_AGE_S
 
     def vehicle_at(self, t_s: float, now_s: float) -> VehicleState:
         """Attitude, position and velocity at `t_s`; a group without reports is not valid."""
@@ -99,7 +117,6 @@ class AutopilotView:
         stamps = [found[0] for found in (attitude, position) if found is not None]
         roll, pitch, yaw = attitude[1] if attitude is not None else (0.0, 0.0, 0.0)
         north, east, down, *velocity = position[1] if position is not None else (0.0,) * 6
-        estimator = self._estimator_good and now_s - self._estimator_s <= MAX_ESTIMATOR_AGE_S
         return VehicleState(
             t_s=min(stamps, default=NEVER_S),
             roll_rad=roll,
@@ -108,7 +125,7 @@ class AutopilotView:
             pos_ned_m=(north, east, down),
             vel_ned_m_s=(velocity[0], velocity[1], velocity[2]),
             attitude_valid=attitude is not None,
-            position_valid=position is not None and estimator,
+            position_valid=position is not None and self._has_position(now_s),
             source=f"mavlink {self.system_id}/{ids.AUTOPILOT_COMPONENT}",
         )
 
@@ -138,10 +155,10 @@ class AutopilotView:
             return
         log.warning("the autopilot's clock went back to %.1f s: it was restarted", boot_s)
         self.reboots += 1
-        heartbeat = (self._heartbeat_s, self._mode, self._accepts, self._armed)
+        heartbeat = (self._heartbeat_s, self._mode, self._accepts, self._armed, self._failsafe)
         self._forget()
         # A heartbeat comes at once after a restart and is newer than the restart itself.
-        self._heartbeat_s, self._mode, self._accepts, self._armed = heartbeat
+        self._heartbeat_s, self._mode, self._accepts, self._armed, self._failsafe = heartbeat
 
     def _heartbeat(self, message: Message, now_s: float) -> None:
         copter = message.autopilot == ids.AUTOPILOT_ARDUPILOT and message.type in ids.TYPES_COPTER
@@ -149,6 +166,7 @@ class AutopilotView:
         self._mode = COPTER_MODES.get(mode, f"mode {mode}") if copter else f"autopilot {message.autopilot} mode {mode}"
         self._accepts = copter and mode == MODE_GUIDED
         self._armed = bool(message.base_mode & ids.MODE_FLAG_ARMED)
+        self._failsafe = message.system_status >= ids.STATE_CRITICAL
         self._heartbeat_s = now_s
 
     def _landed_state(self, message: Message, now_s: float) -> None:
@@ -170,16 +188,22 @@ class AutopilotView:
     def _take_gimbal(self, message: Message, now_s: float) -> None:
         if message.gimbal_device_id not in (0, self._device_id):
             return
-        _, pitch, yaw = rpy_from_quaternion(np.asarray(message.q, dtype=np.float64))
-        frame = yaw_frame(int(message.flags))
+        angles = rpy_from_quaternion(np.asarray(message.q, dtype=np.float64))
+        frame, t_s = yaw_frame(int(message.flags)), self._stamp_s(message, now_s)
         if frame is not self._gimbal_frame:
             self._gimbal.clear()
             self._gimbal_frame = frame
-        self._gimbal.add(self._stamp_s(message, now_s), (pitch, yaw))
+        attitude = self._attitude.at(t_s)
+        if frame is GimbalFrame.VEHICLE and attitude is not None:
+            if self._body_angles.update(angles[0], attitude[1][0]):
+                self._gimbal.clear()  # what was kept was taken for something else
+            angles = self._body_angles.levelled(angles, attitude[1])
+        self._gimbal.add(t_s, (angles[1], angles[2]))
 
     def _gimbal_manager(self, message: Message, now_s: float) -> None:
         if message.gimbal_device_id in (0, self._device_id):
             self.gimbal_primary = (int(message.primary_control_sysid), int(message.primary_control_compid))
+            self.gimbal_primary_s = now_s
 
 
 def yaw_frame(flags: int) -> GimbalFrame:

@@ -9,6 +9,8 @@ from collections import deque
 KEPT_SAMPLES = 20
 # Answers to requests older than this are of no use: the way back is unknown to a second.
 MAX_ROUND_TRIP_S = 1.0
+# An answer that took longer says that what comes over this link is old already.
+QUICK_ROUND_TRIP_S = 0.3
 # Messages may overtake each other by a little on a radio; a clock that goes back further was restarted.
 REBOOT_BACKSTEP_S = 1.0
 PERIOD_S = 1.0  # of TIMESYNC requests: twenty samples span 20 s, in which 50 ppm of drift are 1 ms
@@ -29,6 +31,7 @@ class BootClock:
         self._samples: deque[tuple[float, float]] = deque(maxlen=KEPT_SAMPLES)
         self._quickest_s: float | None = None
         self._newest_boot_s = -math.inf
+        self.t_quick_answer_s = -math.inf
 
     def request(self, now_s: float) -> int:
         """`ts1` (ns) of a TIMESYNC request sent now; its answer is then recognised as ours."""
@@ -44,6 +47,8 @@ class BootClock:
         round_trip_s = now_s - ts1_ns * 1e-9
         if not 0 <= round_trip_s <= MAX_ROUND_TRIP_S:
             return False
+        if round_trip_s <= QUICK_ROUND_TRIP_S:
+            self.t_quick_answer_s = now_s
         self._samples.append((round_trip_s, tc1_ns * 1e-9 - (ts1_ns * 1e-9 + round_trip_s / 2)))
         return True
 

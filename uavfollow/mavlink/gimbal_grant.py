@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 from uavfollow.mavlink.commands import CommandQueue, Outcome
 from uavfollow.mavlink.gimbal import gimbal_release_control, gimbal_take_control
 from uavfollow.mavlink.ids import CMD_GIMBAL_MANAGER_CONFIGURE, CONFIGURE_RELEASE
+
+# A status this long after the yes must name us; a later one that names another means that we missed the taking.
+SETTLED_S = 1.0
 
 
 class GrantState(str, Enum):
@@ -28,6 +32,7 @@ class GimbalGrant:
         self._target_system = target_system
         self._device_id = device_id
         self._was_ours = False
+        self._held_s = -math.inf
         self.state = GrantState.NOT_ASKED
 
     def ask(self, queue: CommandQueue) -> None:
@@ -48,19 +53,19 @@ class GimbalGrant:
         if self.state in (GrantState.HELD, GrantState.ASKED):
             self.state = GrantState.REFUSED
 
-    def update(self, outcomes: list[Outcome], primary: tuple[int, int] | None) -> None:
-        """Take the answers to commands and the primary controller that GIMBAL_MANAGER_STATUS named last."""
+    def update(self, outcomes: list[Outcome], primary: tuple[int, int] | None, primary_s: float, now_s: float) -> None:
+        """Take the answers to commands, and the primary controller that GIMBAL_MANAGER_STATUS named last, and when."""
         for outcome in outcomes:
             if outcome.command == CMD_GIMBAL_MANAGER_CONFIGURE and outcome.param1 != CONFIGURE_RELEASE:
-                self._answered(outcome)
-        if self.state is not GrantState.HELD or primary is None:
-            return
+                self._answered(outcome, now_s)
+        if self.state is not GrantState.HELD or primary is None or primary_s <= self._held_s:
+            return  # a status from before the grant names the one before
         if primary == self._own:
             self._was_ours = True
-        elif self._was_ours:
-            # A status from before the grant still names the one before; only a change away from us is a taking.
+        elif self._was_ours or primary_s > self._held_s + SETTLED_S:
             self.state = GrantState.TAKEN
 
-    def _answered(self, outcome: Outcome) -> None:
+    def _answered(self, outcome: Outcome, now_s: float) -> None:
         if self.state is GrantState.ASKED:
             self.state = GrantState.HELD if outcome.accepted else GrantState.REFUSED
+            self._held_s = now_s

@@ -16,6 +16,7 @@ MODE_FLAG_ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 TYPES_COPTER = frozenset({2, 3, 4, 13, 14, 15, 29})  # MAV_TYPE of what ArduCopter flies: quadrotor to dodecarotor
 STATE_STANDBY = 3
 STATE_ACTIVE = 4
+STATE_CRITICAL = 5  # and above: a failsafe is pending
 
 # MAV_FRAME
 FRAME_LOCAL_NED = 1  # the frame that means the same on ArduPilot and PX4

@@ -44,8 +44,6 @@ from uavfollow.sim.driver import CompanionDriver
 from uavfollow.sim.files import SimFiles
 from uavfollow.sim.report import write_sim_report
 
-# Without attitude and height there is no range to flat ground; then a target is taken to be this far away.
-FALLBACK_RANGE_M = 20.0
 # The camera's own motion is taken out of the estimate here, so what is left is the target's, and a car that goes behind
 # a tree does not stop there. (The filter's default is for video without telemetry, where most of it is the camera's.)
 COAST_TAU_S = 4.0
@@ -210,7 +208,7 @@ def build_app(scenario: Scenario, tracker: Tracker | None) -> App:
         guidance=TrailGuidance(trail),
         limiter=VelocityLimiter(VelocityLimits().tighten(_limits(guidance.limits))),
         intrinsics=intrinsics,
-        reference_range_m=FALLBACK_RANGE_M,
+        reference_range_m=None,  # only what the application finds out by itself
     )
 
 
