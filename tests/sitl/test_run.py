@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import pytest
@@ -105,14 +106,14 @@ def test_times_of_a_picture():
         assert now_s - seen.t_capture_s < 0.06 + 0.06 + 0.04 + 0.01
     numbers = [seen.seq for seen, _ in watcher.seen]
     assert sorted(set(numbers)) == numbers
-    assert max(b - a for a, b in zip(numbers, numbers[1:], strict=False)) <= 3
+    assert max(b - a for a, b in itertools.pairwise(numbers)) <= 3
 
 
 def test_polls_come_at_100_hz_from_power_on_to_after_the_end():
     watcher, log = run()
     polls = [t for kind, t in watcher.calls if kind == "poll"]
     assert polls[0] == 0.0
-    assert all(b - a == pytest.approx(0.01) for a, b in zip(polls, polls[1:], strict=False))
+    assert all(b - a == pytest.approx(0.01) for a, b in itertools.pairwise(polls))
     assert polls[-1] > log.begin_s + 4.4
     assert watcher.calls.count(("close", pytest.approx(log.begin_s + 4.0))) == 1
 
@@ -133,7 +134,7 @@ def test_a_click_on_what_is_not_there_is_refused_and_said():
 
 
 def test_setpoints_are_counted_on_the_wire_and_move_the_vehicle():
-    watcher, log = run(CLICK, FOLLOW, StopEvent(kind="stop", at_s=3.0))
+    _watcher, log = run(CLICK, FOLLOW, StopEvent(kind="stop", at_s=3.0))
     times = [s.t_s - log.begin_s for s in log.setpoints]
     assert min(times) == pytest.approx(1.0, abs=0.02)
     assert max(times) == pytest.approx(3.0, abs=0.02)
