@@ -32,6 +32,7 @@ class CameraFeed:
         self._random = Random(seed)
         self._on_the_way: list[Exposure] = []
         self._last_s = 0.0
+        self._arrived: Exposure | None = None
         self.exposed = 0
 
     def next_exposure(self, t_s: float) -> tuple[int, float | None]:
@@ -54,4 +55,9 @@ class CameraFeed:
         if not arrived:
             return None
         self._on_the_way = [e for e in self._on_the_way if e.available_s > now_s]
+        self._arrived = arrived[-1]
         return arrived[-1]
+
+    def on_screen(self, now_s: float) -> Exposure | None:
+        """The picture that an operator looks at: the newest that has arrived, taken up before or not."""
+        return self.newest(now_s) or self._arrived

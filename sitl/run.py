@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from sitl.autopilot.link import ByteLink, pipe
 from sitl.drive import Application, Decision, Seen
@@ -31,6 +31,7 @@ MAX_TAKE_OFF_S = 90.0  # of simulated time; 120 m at 2.5 m/s and all waits take 
 AFTER_S = 0.5  # the run goes on so long after its end, for the last messages to arrive
 # A change of mode is in a heartbeat at once and read by the next poll; what was sent before is read a tick later.
 KNOWN_AFTER_S = (POLL_EVERY_TICKS + 1) / TICK_HZ
+ENGAGED = "engaged"  # the application's answer to a start that was granted
 MIN_CLICK_PX = 3.0  # nobody clicks what is smaller
 
 
@@ -57,7 +58,8 @@ class Happening:
 class RunLog:
     """Everything of a run. `begin_s` is the run's time at the scenario's time 0.
 
-    `override_s`: when the application could know that the autopilot had left GUIDED; None when it never did.
+    `override_s`: when the application could know that the autopilot had left GUIDED after following had begun; None
+    when it never did. `resumed_s`: when the operator started following again after that.
     """
 
     begin_s: float = math.nan
@@ -66,6 +68,7 @@ class RunLog:
     setpoints: list[SentSetpoint] = field(default_factory=list)
     gimbal: list[SentGimbal] = field(default_factory=list)
     override_s: float | None = None
+    resumed_s: float | None = None
     texts: list[str] = field(default_factory=list)
     interrupted: bool = False
 
@@ -195,20 +198,27 @@ class Run:
         if isinstance(event, ClickEvent):
             self._note(now_s, "click", self._click(event, now_s))
         elif isinstance(event, FollowEvent):
-            self._note(now_s, "follow", self._application.start_following(now_s))
-            self._engaged = True
+            self._follow(now_s)
         elif isinstance(event, StopEvent):
             self._application.stop_following(now_s)
             self._note(now_s, "stop", "asked")
         elif isinstance(event, ModeEvent):
             self._operator.change_mode(event.mode)
-            self._note(now_s, "mode", event.mode)
+            self._note(now_s, f"mode {event.mode}", "asked")
         elif isinstance(event, PictureEvent):
             self._note(now_s, event.kind, f"for {event.duration_s:g} s")
 
+    def _follow(self, now_s: float) -> None:
+        answer = self._application.start_following(now_s)
+        self._note(now_s, "follow", answer)
+        if answer == ENGAGED:
+            self._engaged = True
+            if self.log.override_s is not None and self.log.resumed_s is None:
+                self.log.resumed_s = now_s
+
     def _click(self, event: ClickEvent, now_s: float) -> str:
         """The operator marks the target in the newest picture, if he sees it there."""
-        exposure = self._feed.newest(now_s)
+        exposure = self._feed.on_screen(now_s)
         if exposure is None:
             return "no picture to click into"
         seen, truths = self._look(exposure, now_s)
@@ -230,7 +240,8 @@ class Run:
     def _keep(self, seen: Seen, decision: Decision, exposure: Exposure, truths: Truths, now_s: float) -> None:
         sample = self._sample(decision, exposure, truths, now_s)
         step = Step(seen, decision, truths, sample)
-        self.log.steps.append(Step(_without_picture(seen), decision, truths, sample))
+        # The log of a long run keeps no pictures and not the application's own records.
+        self.log.steps.append(Step(_without_picture(seen), replace(decision, record=None), truths, sample))
         if self._on_step is not None:
             self._on_step(step)
 
@@ -262,5 +273,4 @@ class Run:
 
 
 def _without_picture(seen: Seen) -> Seen:
-    """The log of a long run keeps no pictures."""
     return Seen(seen.seq, seen.t_capture_s, seen.t_receive_s, None, seen.candidates)

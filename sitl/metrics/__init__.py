@@ -6,7 +6,7 @@ from sitl.metrics.flight import FlightLimits
 from sitl.metrics.names import METRIC_NAMES, NEVER_GATED
 from sitl.metrics.occlusions import Occlusion, occlusions
 from sitl.metrics.report import run_json
-from sitl.metrics.sample import Sample
+from sitl.metrics.sample import Sample, Setpoint
 
 __all__ = [
     "METRIC_NAMES",
@@ -16,6 +16,7 @@ __all__ = [
     "FlightLimits",
     "Occlusion",
     "Sample",
+    "Setpoint",
     "Source",
     "Verdict",
     "Wanted",

@@ -11,7 +11,7 @@ from sitl.metrics import flight, picture
 from sitl.metrics.flight import FlightLimits
 from sitl.metrics.names import METRIC_NAMES
 from sitl.metrics.occlusions import occlusion_metrics
-from sitl.metrics.sample import Sample
+from sitl.metrics.sample import Sample, Setpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,21 +28,24 @@ class Wanted:
 def compute(
     samples: Sequence[Sample],
     wanted: Wanted,
-    setpoint_times_s: Sequence[float],
+    setpoints: Sequence[Setpoint],
     override_s: float | None = None,
+    resumed_s: float | None = None,
     realtime_factor: float | None = None,
 ) -> dict[str, float | None]:
     """Every name of `METRIC_NAMES`, in that order; None where it is undefined in this run.
 
-    `samples` in the order of `t_s`; `setpoint_times_s`: when each velocity setpoint (motion or zero) went to the wire;
-    `override_s`: when the application was told that someone else took over, None when nobody did. All on one clock.
-    Raises ValueError when the samples are not in order.
+    `samples` in the order of `t_s`; `setpoints`: every velocity setpoint (motion or zero) on the wire; `override_s`:
+    when the application was told that someone else took over, None when nobody did; `resumed_s`: when the operator
+    started again after that. All on one clock. Raises ValueError when the samples are not in order.
     """
     if any(later.t_s < earlier.t_s for earlier, later in pairwise(samples)):
         raise ValueError("compute: samples must be in the order of t_s")
+    times_s = [s.t_s for s in setpoints]
     values: dict[str, float | None] = {
         "final_locked_on_target": picture.final_locked_on_target(samples),
         "lock_share": picture.lock_share(samples),
+        "in_picture_share": picture.in_picture_share(samples),
         "honest_lock_share": picture.honest_lock_share(samples),
         "false_confirmed_share": picture.false_confirmed_share(samples),
         "iou_mean": picture.iou_mean(samples),
@@ -52,9 +55,9 @@ def compute(
         "bearing_err_rms_deg": flight.bearing_err_rms_deg(samples, wanted.bearing_rad),
         **occlusion_metrics(samples),
         "gimbal_cmd_rms_deg_s": flight.gimbal_cmd_rms_deg_s(samples),
-        **flight.setpoint_metrics(samples, setpoint_times_s),
-        "commands_after_override": flight.commands_after_override(setpoint_times_s, override_s),
-        "limit_violations": flight.limit_violations(samples, wanted.limits),
+        **flight.setpoint_metrics(samples, times_s),
+        "commands_after_override": flight.commands_after_override(times_s, override_s, resumed_s),
+        "limit_violations": flight.limit_violations(setpoints, wanted.limits),
         "realtime_factor": realtime_factor,
     }
     # The rest (geolocation, delay estimate) needs parts that do not exist yet.

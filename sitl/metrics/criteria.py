@@ -72,4 +72,9 @@ def _judge_one(criterion: Criterion, value: float | None, source: Source) -> Cri
         return CriterionResult(
             criterion, value, Verdict.FAILED, f"{name}: {value:.4g} is above the most, {criterion.maximum:g}"
         )
-    return CriterionResult(criterion, value, Verdict.PASSED, f"{name}: {value:.4g}")
+    bounds = [
+        f"{word} {b:g}"
+        for word, b in (("at least", criterion.minimum), ("at most", criterion.maximum))
+        if b is not None
+    ]
+    return CriterionResult(criterion, value, Verdict.PASSED, f"{name}: {value:.4g} ({', '.join(bounds)})")

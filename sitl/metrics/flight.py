@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from sitl.metrics.picture import rms
-from sitl.metrics.sample import LOCKED, Sample, since_lock
+from sitl.metrics.sample import LOCKED, Sample, Setpoint, since_lock
 
 # A target slower than this stands: 2 mm a picture.
 STILL_M_S = 0.05
@@ -102,43 +102,50 @@ def setpoint_metrics(samples: Sequence[Sample], times_s: Sequence[float]) -> dic
     return {"setpoint_rate_hz": intervals / time_s if enough else None, "setpoint_gap_max_s": gap_s}
 
 
-def commands_after_override(times_s: Sequence[float], override_s: float | None) -> float | None:
-    """Number of setpoints later than `override_s`, when the application knew of it; None without an override."""
-    return None if override_s is None else float(sum(t > override_s for t in times_s))
+def commands_after_override(
+    times_s: Sequence[float], override_s: float | None, resumed_s: float | None = None
+) -> float | None:
+    """Number of setpoints later than `override_s`, when the application knew of it; None without an override.
 
-
-def limit_violations(samples: Sequence[Sample], limits: FlightLimits) -> float | None:
-    """Number of sent commands that are not finite, beyond a speed limit, or a change of speed beyond the limit.
-
-    A command of zero with a `hold_` reason may come at once. None when nothing was sent.
+    Those from `resumed_s` on, when the operator started it again, are wanted.
     """
-    sent = [s for s in samples if s.command_sent]
-    if not sent:
+    if override_s is None:
         return None
-    wrong = [_too_fast(s, limits) for s in sent]
-    for index in range(1, len(sent)):
-        wrong[index] = wrong[index] or _too_sudden(sent[index - 1], sent[index], limits)
+    end_s = math.inf if resumed_s is None else resumed_s
+    return float(sum(override_s < t < end_s for t in times_s))
+
+
+def limit_violations(setpoints: Sequence[Setpoint], limits: FlightLimits) -> float | None:
+    """Number of setpoints on the wire that are not finite, beyond a speed limit, or too sudden a change of speed.
+
+    All zeros may come at once. None when nothing was sent.
+    """
+    if not setpoints:
+        return None
+    wrong = [_too_fast(s, limits) for s in setpoints]
+    for index in range(1, len(setpoints)):
+        wrong[index] = wrong[index] or _too_sudden(setpoints[index - 1], setpoints[index], limits)
     return float(sum(wrong))
 
 
-def _too_fast(s: Sample, limits: FlightLimits) -> bool:
-    north, east, down = s.command_v_ned_m_s
-    if not all(math.isfinite(v) for v in (north, east, down, s.command_yaw_rate_rad_s)):
+def _too_fast(s: Setpoint, limits: FlightLimits) -> bool:
+    north, east, down = s.v_ned_m_s
+    if not all(math.isfinite(v) for v in (north, east, down, s.yaw_rate_rad_s)):
         return True
     over = (
         math.hypot(north, east) - limits.max_horizontal_m_s,
         -down - limits.max_up_m_s,
         down - limits.max_down_m_s,
-        abs(s.command_yaw_rate_rad_s) - limits.max_yaw_rate_rad_s,
+        abs(s.yaw_rate_rad_s) - limits.max_yaw_rate_rad_s,
     )
     return max(over) > LIMIT_TOLERANCE
 
 
-def _too_sudden(before: Sample, after: Sample, limits: FlightLimits) -> bool:
-    (n0, e0, _), (n1, e1, _) = before.command_v_ned_m_s, after.command_v_ned_m_s
-    if after.command_reason.startswith("hold_") and n1 == e1 == 0.0:
+def _too_sudden(before: Setpoint, after: Setpoint, limits: FlightLimits) -> bool:
+    (n0, e0, _), (n1, e1, d1) = before.v_ned_m_s, after.v_ned_m_s
+    if n1 == e1 == d1 == after.yaw_rate_rad_s == 0.0:
         return False
-    step_s = max(after.now_s - before.now_s, MIN_STEP_S)
+    step_s = max(after.t_s - before.t_s, MIN_STEP_S)
     return math.hypot(n1 - n0, e1 - e0) > limits.max_accel_m_s2 * step_s + LIMIT_TOLERANCE
 
 

@@ -6,6 +6,7 @@ METRIC_NAMES: tuple[str, ...] = (
     "final_locked_on_target",
     "lock_share",
     "honest_lock_share",
+    "in_picture_share",
     "false_confirmed_share",
     "iou_mean",
     "centre_err_rms_px",

@@ -47,7 +47,8 @@ def occlusions(samples: Sequence[Sample]) -> tuple[Occlusion, ...]:
     runs: list[tuple[int, int]] = []
     start: int | None = None
     for index, sample in enumerate(seen):
-        if sample.visibility < HIDDEN_BELOW:
+        # A target that the camera looks past is not hidden by anything; one without a picture is.
+        if sample.visibility < HIDDEN_BELOW and (sample.truth is None or sample.in_picture):
             start = index if start is None else start
         elif start is not None:
             if sample.t_s - seen[start].t_s >= MIN_HIDDEN_S - 1e-9:

@@ -29,6 +29,11 @@ def lock_share(samples: Sequence[Sample]) -> float | None:
     return _share([on_target(s) for s in since_selection(samples) if s.visibility >= IN_SIGHT_VISIBILITY])
 
 
+def in_picture_share(samples: Sequence[Sample]) -> float | None:
+    """Of the samples since the selection with a picture, the share with the target in it, covered or not."""
+    return _share([s.in_picture for s in since_selection(samples) if s.truth is not None])
+
+
 def honest_lock_share(samples: Sequence[Sample]) -> float | None:
     """Of the samples whose box overlaps the truth by more than 0.5 while any of it is visible, the share LOCKED."""
     good = [s for s in since_selection(samples) if s.visibility > 0 and s.iou > GOOD_IOU]

@@ -22,10 +22,13 @@ def run_json(
     metrics: Mapping[str, float | None],
     criteria: Sequence[CriterionResult],
     pending: Sequence[str] = (),
+    interrupted: bool = False,
+    about: Mapping[str, object] | None = None,
 ) -> dict[str, object]:
     """A mapping that `json.dumps(..., allow_nan=False)` takes; undefined and non-finite numbers are null.
 
-    `commit` None: not known. `pending`: why the scenario could not run as it stands; then `passed` is False.
+    `commit` None: not known. `pending`: why the scenario could not run as it stands. `passed` is False for one that is
+    pending or was interrupted. `about`: what else the run was, taken over as it is.
     """
     known = [name for name in METRIC_NAMES if name in metrics]
     others = [name for name in metrics if name not in METRIC_NAMES]
@@ -38,7 +41,9 @@ def run_json(
         "versions": dict(versions),
         "commit": commit,
         "pending": list(pending),
-        "passed": not pending and all_passed(criteria),
+        "interrupted": interrupted,
+        "passed": not pending and not interrupted and all_passed(criteria),
+        **(about or {}),
         "metrics": {name: _number(metrics[name]) for name in known + others},
         "criteria": [_criterion(result) for result in criteria],
     }

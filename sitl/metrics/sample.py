@@ -10,6 +10,7 @@ from tracker.box import Box
 
 LOCKED = "LOCKED"
 IDLE = "IDLE"
+HALF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +53,26 @@ class Sample:
         return 0.0 if self.truth is None else self.truth.visibility
 
     @property
+    def in_picture(self) -> bool:
+        """Whether half of the target's box or more lies inside the picture, covered or not; False without a picture."""
+        truth = self.truth
+        return truth is not None and truth.amodal is not None and truth.truncation < HALF
+
+    @property
     def iou(self) -> float:
         """Overlap of the reported box with the whole silhouette; 0 when either is missing."""
         if self.box is None or self.truth is None or self.truth.amodal is None:
             return 0.0
         return self.box.iou(self.truth.amodal)
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """A velocity setpoint as it was on the wire, `t_s` when the autopilot read it."""
+
+    t_s: float
+    v_ned_m_s: Vector
+    yaw_rate_rad_s: float
 
 
 def since_selection(samples: Sequence[Sample]) -> Sequence[Sample]:

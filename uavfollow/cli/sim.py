@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -28,7 +29,9 @@ def add_parser(commands: Any) -> Any:
     parser = commands.add_parser(NAME, help="fly a simulated vehicle and judge the flight", epilog=EPILOG)
     parser.add_argument("scenario", metavar="SCENARIO", nargs="?", default="default", help="YAML file or built-in name")
     parser.add_argument("--seed", type=int, default=0, help="what chance decides: light, wind, noise, click, speed")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="output folder (default: runs/sim-NAME-SEED)")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="output folder (default: runs/sim-NAME-SEED, then -2, -3)"
+    )
     parser.add_argument("--model", default="s", help="s, full or a .safetensors file (default: s)")
     parser.add_argument("--geometry", action="store_true", help="no pixels, no network: candidates from the truth")
     parser.add_argument("--realtime", action="store_true", help="hold the run back to the wall clock")
@@ -83,10 +86,17 @@ def _options(arguments: argparse.Namespace, name: str) -> SimOptions:
         precision=arguments.precision,
         device=arguments.device,
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
-        out=arguments.out or Path("runs") / f"sim-{name}-{arguments.seed}",
+        out=arguments.out or default_out(f"sim-{name}-{arguments.seed}"),
         video=not arguments.no_video,
         realtime=arguments.realtime,
     )
+
+
+def default_out(name: str) -> Path:
+    """runs/NAME, with a number when a run lies there already: a run is never written over without being asked."""
+    first = Path("runs") / name
+    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
+    return next(p for p in itertools.chain([first], numbered) if not (p / "run.json").exists())
 
 
 def _show(result: SimResult, as_json: bool) -> None:

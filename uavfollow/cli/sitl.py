@@ -27,7 +27,10 @@ def add_parser(commands: Any) -> Any:
     show.add_argument("scenario", metavar="SCENARIO")
     show.set_defaults(run=_show)
     autopilot = own.add_parser(
-        "autopilot", help="a simulated ArduCopter in real time, for ground stations and companions"
+        "autopilot",
+        help="a simulated ArduCopter in real time, for companions and MAVLink programs",
+        description="A simulated ArduCopter in real time. It has no missions and none of the old data streams, so a "
+        "ground station shows less than of a real one.",
     )
     autopilot.add_argument(
         "--link", metavar="ADDRESS", action="append", required=True,
@@ -69,29 +72,17 @@ def _autopilot(arguments: argparse.Namespace) -> int:
         raise InputError(f"--for-s {arguments.for_s}: give a number of seconds above 0")
     if not 0 <= arguments.seed < 2**32:
         raise InputError(f"--seed {arguments.seed} is out of range, must lie in 0..{2**32 - 1}")
-    from sitl.flight import Flight, build_world
-    from sitl.scenario import ScenarioError, load_scenario
-    from uavfollow.mavlink.link import AddressError, LinkError, LinkKind, open_link, parse_address
+    from uavfollow.mavlink.link import AddressError, LinkError
 
-    try:
-        scenario = load_scenario(arguments.scenario)
-        flight = Flight(scenario, arguments.seed, build_world(scenario, arguments.seed))
-    except ScenarioError as error:
-        raise InputError(f"scenario {error}") from error
-    links = []
+    flight = _flight(arguments.scenario, arguments.seed)
+    links: list[Any] = []
     try:
         for text in arguments.link:
-            address = parse_address(text)
-            if address.kind is LinkKind.TLOG:
-                raise InputError(f"--link {text}: a tlog is no link; give udpout:, udpin:, tcp:, tcpin: or serial:")
-            link = open_link(address, must_connect=False)
-            links.append(link)
-            flight.autopilot.attach(link, text)
+            links.append(_open(text))
+            flight.autopilot.attach(links[-1], text)
         with orderly_end():
             _serve(flight, arguments.link, arguments.for_s)
-    except AddressError as error:
-        raise InputError(f"--link: {error}") from error
-    except LinkError as error:
+    except (AddressError, LinkError) as error:
         raise InputError(f"--link: {error}") from error
     except KeyboardInterrupt:
         print("ended", file=sys.stderr)  # the way this command ends
@@ -99,6 +90,29 @@ def _autopilot(arguments: argparse.Namespace) -> int:
         for link in links:
             link.close()
     return EXIT_DONE
+
+
+def _flight(name: str, seed: int) -> Any:
+    """Vehicle, gimbal and autopilot of a scenario. Raises InputError."""
+    from sitl.flight import Flight, build_world
+    from sitl.scenario import ScenarioError, load_scenario
+
+    try:
+        scenario = load_scenario(name)
+        if scenario.pending_reasons():
+            raise InputError(f"scenario {scenario.name} is pending: {'; '.join(scenario.pending_reasons())}")
+        return Flight(scenario, seed, build_world(scenario, seed))
+    except ScenarioError as error:
+        raise InputError(f"scenario {error}") from error
+
+
+def _open(text: str) -> Any:
+    from uavfollow.mavlink.link import LinkKind, open_link, parse_address
+
+    address = parse_address(text)
+    if address.kind is LinkKind.TLOG:
+        raise InputError(f"--link {text}: a tlog is no link; give udpout:, udpin:, tcp:, tcpin: or serial:")
+    return open_link(address, must_connect=False)
 
 
 def _serve(flight: Any, names: list[str], for_s: float | None) -> None:

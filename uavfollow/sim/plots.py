@@ -27,6 +27,7 @@ def plot_run(path: Path, steps: Sequence[Step], happenings: Sequence[Happening],
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(5, 1, sharex=True))
     times = [s.sample.t_s - begin_s for s in steps]
+    decided = [s.sample.now_s - begin_s for s in steps]
     for axis in axes:
         _shade(axis, steps, times)
         for happening in happenings:
@@ -45,15 +46,15 @@ def plot_run(path: Path, steps: Sequence[Step], happenings: Sequence[Happening],
     confidence.plot(times, [s.decision.confidence for s in steps], color="#222222", lw=1.1, label="confidence")
     confidence.plot(times, [s.sample.iou for s in steps], color="#2a6fdb", lw=0.9, label="overlap with truth")
     confidence.plot(times, [s.sample.visibility for s in steps], color="#b05fc7", lw=0.9, label="visible share")
-    confidence.set(ylim=(0, 1.05))
+    confidence.set(ylim=(0, 1.05), ylabel="shares [-]")
     for index, name in enumerate(("north", "east", "down")):
-        velocity.plot(times, [_sent(s, s.sample.command_v_ned_m_s[index]) for s in steps], lw=1.1, label=name)
+        velocity.plot(decided, [_sent(s, s.sample.command_v_ned_m_s[index]) for s in steps], lw=1.1, label=name)
     velocity.set(ylabel="vehicle [m/s]")
     degrees = 180.0 / math.pi
-    gimbal.plot(times, [s.sample.gimbal_yaw_rate_rad_s * degrees for s in steps], lw=1.0, label="gimbal yaw")
-    gimbal.plot(times, [s.sample.gimbal_pitch_rate_rad_s * degrees for s in steps], lw=1.0, label="gimbal pitch")
+    gimbal.plot(decided, [s.sample.gimbal_yaw_rate_rad_s * degrees for s in steps], lw=1.0, label="gimbal yaw")
+    gimbal.plot(decided, [s.sample.gimbal_pitch_rate_rad_s * degrees for s in steps], lw=1.0, label="gimbal pitch")
     gimbal.plot(
-        times, [_sent(s, s.sample.command_yaw_rate_rad_s * degrees) for s in steps], lw=1.0, label="vehicle yaw"
+        decided, [_sent(s, s.sample.command_yaw_rate_rad_s * degrees) for s in steps], lw=1.0, label="vehicle yaw"
     )
     gimbal.set(ylabel="rates [deg/s]", xlabel="time [s]")
     for axis in (distance, confidence, velocity, gimbal):

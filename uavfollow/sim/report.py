@@ -54,4 +54,4 @@ def write_sim_report(
         body="\n".join(body),
         links=", ".join(f'<a href="{n}">{n}</a>' for n in links),
     )
-    folder.path("report.html").write_text(page)
+    folder.path("report.html").write_text(page, encoding="utf-8")

@@ -20,7 +20,7 @@ from control.limits import VelocityLimiter, VelocityLimits
 from sitl.eyes import Eyes, GeometryEyes, PixelEyes
 from sitl.flight import Flight, build_world
 from sitl.measure import MeasurementModel
-from sitl.metrics import CriterionResult, Source, Verdict, all_passed, compute, judge, run_json
+from sitl.metrics import CriterionResult, Setpoint, Source, Verdict, all_passed, compute, judge, run_json
 from sitl.operator import OperatorError
 from sitl.render.geometry import GeometryCamera
 from sitl.render.renderer import Renderer
@@ -37,6 +37,7 @@ from uavfollow import __version__
 from uavfollow.app import App
 from uavfollow.companion import Companion
 from uavfollow.errors import InputError
+from uavfollow.interrupts import hold_off
 from uavfollow.mavlink.connection import Connection
 from uavfollow.mavlink.ids import CONTROLLER_COMPONENT
 from uavfollow.mavlink.pipe import PipeLink
@@ -82,8 +83,8 @@ class SimResult:
 
     @property
     def passed(self) -> bool:
-        """Every criterion that applies is met, and there is one."""
-        return all_passed(self.criteria)
+        """Every criterion that applies is met, there is one, and the run came to its end."""
+        return all_passed(self.criteria) and not self.log.interrupted
 
     def lines(self) -> list[str]:
         """The summary for people."""
@@ -105,7 +106,16 @@ class SimResult:
         lines += [f"  {name:{width}}  {_shown(value)}" for name, value in self.metrics.items() if value is not None]
         marks = {Verdict.PASSED: "ok  ", Verdict.FAILED: "FAIL", Verdict.NOT_APPLICABLE: "-   "}
         lines += [f"  {marks[c.verdict]}  {c.reason}" for c in self.criteria]
-        return lines
+        return [*lines, f"  {self.verdict()}"]
+
+    def verdict(self) -> str:
+        """One line: passed or failed, and why."""
+        judged = [c for c in self.criteria if c.verdict is not Verdict.NOT_APPLICABLE]
+        met = sum(c.verdict is Verdict.PASSED for c in judged)
+        if not judged:
+            return "FAILED: the scenario has no criterion for this kind of run"
+        cut = ", interrupted" if self.log.interrupted else ""
+        return f"{'PASSED' if self.passed else 'FAILED'}: {met} of {len(judged)} criteria are met{cut}"
 
     def as_json(self) -> dict[str, object]:
         """run.json (docs/interfaces.md)."""
@@ -118,6 +128,19 @@ class SimResult:
             commit=commit(),
             metrics=self.metrics,
             criteria=self.criteria,
+            interrupted=self.log.interrupted,
+            about={
+                "source": "geometry" if self.options.model is None else "pixels",
+                "model": self.options.model,
+                "duration_s": self.scenario.duration_s,
+                "flown_s": round(self.scene_s, 3),
+                "begin_s": round(self.log.begin_s, 6),  # of the scenario's time 0 in link.tlog, from its first message
+                "pictures": len(self.log.steps),
+                "events": [
+                    {"t_s": round(h.t_s - self.log.begin_s, 3), "kind": h.kind, "answer": h.answer}
+                    for h in self.log.happenings
+                ],
+            },
         )
 
 
@@ -159,11 +182,15 @@ def _fly(
     ours, theirs = PipeLink.pair()
     now = {"s": 0.0}
     tap = files.tap(lambda: TLOG_EPOCH_US + round(now["s"] * 1e6)) if files is not None else None
-    companion = Companion(build_app(scenario, tracker), Connection(ours, 1, [CONTROLLER_COMPONENT], tap))
+    connection = Connection(ours, 1, [CONTROLLER_COMPONENT], tap)
+    companion = Companion(build_app(scenario, tracker), connection)
+    begun: list[float] = []  # wall clock at the scenario's time 0
     pacer = Pacer() if options.realtime else None
 
     def pace(now_s: float) -> None:
         now["s"] = now_s
+        if not begun and not math.isnan(run.log.begin_s):
+            begun.append(time.perf_counter())
         if pacer is not None:
             pacer.wait(now_s)
 
@@ -175,16 +202,19 @@ def _fly(
 
     eyes = _eyes(scenario, options, world)
     run = Run(scenario, options.seed, flight, eyes, CompanionDriver(companion), theirs, step, pace)
-    start_s = time.perf_counter()
     log = run.run()
-    wall_s = time.perf_counter() - start_s
+    wall_s = time.perf_counter() - begun[0]
+    hold_off()
+    if connection.tap_failures:
+        raise OSError(None, f"link.tlog could not be written whole ({connection.tap_failures} messages are missing)")
     end_s = log.steps[-1].sample.now_s if log.steps and log.interrupted else log.begin_s + scenario.duration_s
     scene_s = end_s - log.begin_s
     metrics = compute(
         [s.sample for s in log.steps],
         build.wanted(scenario),
-        [s.t_s for s in log.setpoints],
+        [Setpoint(s.t_s, s.v_ned_m_s, s.yaw_rate_rad_s) for s in log.setpoints],
         log.override_s,
+        log.resumed_s,
         scene_s / max(wall_s, 1e-9),
     )
     source = Source.GEOMETRY if options.model is None else Source.PIXELS
@@ -260,7 +290,8 @@ def _tracker(options: SimOptions) -> tuple[Tracker | None, str]:
 def _write(result: SimResult, files: SimFiles) -> SimResult:
     folder = files.folder
     files.finish(result.log)
-    folder.path("run.json").write_text(json.dumps(result.as_json(), indent=1, allow_nan=False) + "\n")
+    text = json.dumps(result.as_json(), indent=1, allow_nan=False)
+    folder.path("run.json").write_text(text + "\n", encoding="utf-8")
     write_sim_report(folder, result.scenario, result.options.seed, result.log, result.lines(), files.snapshots)
     placed = files.commit()
     return SimResult(

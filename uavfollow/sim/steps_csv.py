@@ -13,16 +13,16 @@ from tracker.box import Box
 _BOX = ("x", "y", "w", "h")
 COLUMNS = (
     "frame", "t_s", "now_s", "status", "reason", "confidence", *_BOX, *(f"true_{n}" for n in _BOX), "visibility",
-    "iou", "centre_err_px", "ground_range_m", "following", "flight_reason", "north_m_s", "east_m_s", "down_m_s",
-    "yaw_rate_deg_s", "vehicle_reason", "gimbal_pitch_rate_deg_s", "gimbal_yaw_rate_deg_s", "gimbal_reason",
-    "vehicle_north_m", "vehicle_east_m", "vehicle_down_m", "vehicle_yaw_deg", "target_north_m", "target_east_m",
-    "fault",
+    "iou", "centre_err_px", "ground_range_m", "following", "flight_reason", "cmd_north_m_s", "cmd_east_m_s",
+    "cmd_down_m_s", "cmd_yaw_rate_deg_s", "vehicle_reason", "gimbal_pitch_rate_deg_s", "gimbal_yaw_rate_deg_s",
+    "gimbal_reason", "vehicle_north_m", "vehicle_east_m", "vehicle_down_m", "vehicle_yaw_deg", "target_north_m",
+    "target_east_m", "fault",
 )  # fmt: skip
 
 
 def write_steps_csv(path: Path, steps: Sequence[Step], begin_s: float) -> None:
     """Write all rows; times count from the scenario's time 0, empty cells are not known."""
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         writer.writerows(_row(step, begin_s) for step in steps)

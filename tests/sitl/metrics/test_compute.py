@@ -9,6 +9,7 @@ import pytest
 from sitl.metrics import (
     METRIC_NAMES,
     Criterion,
+    Setpoint,
     Source,
     Verdict,
     Wanted,
@@ -23,7 +24,9 @@ WANTED = Wanted(standoff_m=20.0, focal_px=500.0)
 
 
 def test_every_name_in_its_order_and_what_has_no_part_yet_is_none() -> None:
-    found = compute(run(90), WANTED, [0.1 + 0.05 * i for i in range(60)], realtime_factor=3.0)
+    found = compute(
+        run(90), WANTED, [Setpoint(0.1 + 0.05 * i, (0.0, 0.0, 0.0), 0.0) for i in range(60)], realtime_factor=3.0
+    )
     assert tuple(found) == METRIC_NAMES
     undefined = {name for name, value in found.items() if value is None}
     assert undefined == {

@@ -7,8 +7,8 @@ import pytest
 
 from sitl.metrics import flight
 from sitl.metrics.flight import FlightLimits
-from sitl.metrics.sample import Sample
-from tests.sitl.metrics.samples import DT_S, GOOD, run
+from sitl.metrics.sample import Sample, Setpoint
+from tests.sitl.metrics.samples import DT_S, run
 
 LIMITS = FlightLimits()
 
@@ -83,6 +83,7 @@ def test_commands_after_override() -> None:
     assert flight.commands_after_override([1.0, 2.0, 3.0], 2.0) == 1.0
     assert flight.commands_after_override([1.0], 2.0) == 0.0
     assert flight.commands_after_override([1.0], None) is None
+    assert flight.commands_after_override([1.0, 2.5, 4.0, 5.0], 2.0, 4.0) == 1.0, "those after a new start are wanted"
 
 
 @pytest.mark.parametrize(
@@ -100,24 +101,23 @@ def test_commands_after_override() -> None:
     ],
 )
 def test_speed_limits(velocity: tuple[float, float, float], yaw_rate: float, violations: float) -> None:
-    sample = replace(GOOD, command_v_ned_m_s=velocity, command_yaw_rate_rad_s=yaw_rate)
-    assert flight.limit_violations([sample], LIMITS) == violations
-    assert flight.limit_violations([replace(sample, command_sent=False)], LIMITS) is None
+    assert flight.limit_violations([Setpoint(1.0, velocity, yaw_rate)], LIMITS) == violations
+    assert flight.limit_violations([], LIMITS) is None
 
 
-def test_a_sudden_change_of_speed_is_a_violation_but_for_a_hold() -> None:
-    def step(i: int, s: Sample) -> Sample:
-        return replace(s, command_v_ned_m_s=(3.0, 0.0, 0.0) if i < 5 else (0.0, 0.0, 0.0))
+def test_a_sudden_change_of_speed_is_a_violation_but_for_zeros() -> None:
+    def sent(*speeds: float) -> list[Setpoint]:
+        return [Setpoint(i * DT_S, (v, 0.0, 0.0), 0.0) for i, v in enumerate(speeds)]
 
-    assert flight.limit_violations(run(10, step), LIMITS) == 1.0
-    held = [replace(s, command_reason="hold_no_target") if i >= 5 else s for i, s in enumerate(run(10, step))]
-    assert flight.limit_violations(held, LIMITS) == 0.0
-    ramp = run(10, lambda i, s: replace(s, command_v_ned_m_s=(i * 2.0 * DT_S, 0.0, 0.0)))
-    assert flight.limit_violations(ramp, LIMITS) == 0.0
+    assert flight.limit_violations(sent(3.0, 3.0, 0.0, 0.0), LIMITS) == 0.0, "a stop may come at once"
+    assert flight.limit_violations(sent(3.0, 3.0, 0.5, 0.5), LIMITS) == 1.0
+    assert flight.limit_violations(sent(0.0, 0.0, 3.0), LIMITS) == 1.0
+    assert flight.limit_violations(sent(*(i * 2.0 * DT_S for i in range(10))), LIMITS) == 0.0
 
 
 def test_tighter_limits_count() -> None:
-    assert flight.limit_violations(run(4), FlightLimits(max_horizontal_m_s=0.9)) == 4.0
+    sent = [Setpoint(i * DT_S, (1.0, 0.0, 0.0), 0.0) for i in range(4)]
+    assert flight.limit_violations(sent, FlightLimits(max_horizontal_m_s=0.9)) == 4.0
 
 
 def test_limits_are_those_of_the_application() -> None:
