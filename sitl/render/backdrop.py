@@ -21,7 +21,7 @@ SHARPNESS = 0.4  # levels finer than the middle of a pixel's two footprints: a l
 DETAIL_BELOW_M = 0.035  # footprint under which the fine grain is put in
 HAZE_FROM_M = 70.0  # nearer ground is left alone: less than 5 %
 COARSE = 4  # haze and sky are computed on a grid that many times coarser
-SOIL_BGR = (36, 46, 58)  # what a camera below the ground sees
+SOIL_BGRA = (36, 46, 58, 255)  # what a camera below the ground sees
 CONTINUES_M = 0.02  # lowest height above the ground for which the ground is drawn
 
 
@@ -33,9 +33,9 @@ def ray_downs(view: View, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
 
 
 def draw_backdrop(image: ImageU8, view: View, ground: Ground, light: Light, scale: float) -> None:
-    """Fill the picture with ground, haze and sky; below the ground it is dark everywhere."""
+    """Fill the picture (H, W, 4) with ground, haze and sky; below the ground it is dark everywhere."""
     if view.height_m <= 0:
-        image[:] = SOIL_BGR
+        image[:] = SOIL_BGRA
         return
     height = max(view.height_m, CONTINUES_M * scale)
     columns = max(1, math.ceil(view.width_px / TILE_W_PX))
@@ -65,16 +65,16 @@ def draw_backdrop(image: ImageU8, view: View, ground: Ground, light: Light, scal
 def _merged(levels: npt.NDArray[np.int_], view: View) -> list[tuple[int, Rect]]:
     """Rectangles of one level each: runs along the rows, rows of one pattern together."""
     found = []
-    top, rows = 0, len(levels)
-    for row in range(1, rows + 1):
-        if row < rows and bool((levels[row] == levels[top]).all()):
+    lines = levels.tolist()
+    top = 0
+    for row in range(1, len(lines) + 1):
+        if row < len(lines) and lines[row] == lines[top]:
             continue
         y0, y1 = top * TILE_H_PX, min(row * TILE_H_PX, view.height_px)
-        start, line = 0, levels[top]
+        start, line = 0, lines[top]
         for column in range(1, len(line) + 1):
             if column == len(line) or line[column] != line[start]:
-                x0, x1 = start * TILE_W_PX, min(column * TILE_W_PX, view.width_px)
-                found.append((int(line[start]), (x0, y0, x1, y1)))
+                found.append((line[start], (start * TILE_W_PX, y0, min(column * TILE_W_PX, view.width_px), y1)))
                 start = column
         top = row
     return found
@@ -85,10 +85,9 @@ def _warp_ground(image: ImageU8, ground: Ground, to_texels: FloatArray, level: i
     matrix = to_texels.copy()
     matrix[:2] *= 0.5**level
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    picture = cv2.warpPerspective(
-        ground.levels[level], shifted(matrix, x0, y0), (x1 - x0, y1 - y0), flags=flags, borderMode=cv2.BORDER_WRAP
-    )
-    image[y0:y1, x0:x1] = picture
+    size, part = (x1 - x0, y1 - y0), image[y0:y1, x0:x1]
+    texels = shifted(matrix, x0, y0)
+    cv2.warpPerspective(ground.levels[level], texels, size, dst=part, flags=flags, borderMode=cv2.BORDER_WRAP)
 
 
 def _warp_detail(image: ImageU8, ground: Ground, to_texels: FloatArray, rect: Rect) -> None:
@@ -106,7 +105,7 @@ def _warp_detail(image: ImageU8, ground: Ground, to_texels: FloatArray, rect: Re
         ground.detail, shifted(matrix, x0, y0), (x1 - x0, y1 - y0), flags=flags, borderMode=cv2.BORDER_WRAP
     )
     part = image[y0:y1, x0:x1]
-    cv2.multiply(part, cv2.cvtColor(grain, cv2.COLOR_GRAY2BGR), part, 1 / 128)
+    cv2.multiply(part, cv2.cvtColor(grain, cv2.COLOR_GRAY2BGRA), part, 1 / 128)
 
 
 def _haze_and_sky(image: ImageU8, view: View, light: Light, height_m: float, scale: float) -> None:
@@ -126,15 +125,19 @@ def _haze_and_sky(image: ImageU8, view: View, light: Light, height_m: float, sca
     downs = ray_downs(view, gx, gy)
     depth = height_m / np.maximum(downs, 1e-6)
     share = 1 - np.exp(-np.maximum(depth / scale - HAZE_FROM_M * 0.5, 0) / HAZE_LENGTH_M)
-    share = np.where(downs <= 0, 1.0, share).astype(np.float32)
-    back = _sky(light, downs).astype(np.uint8)
-    wide = cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
-    colours = cv2.resize(back, size, interpolation=cv2.INTER_LINEAR)
+    share = np.where(downs <= 0, 1.0, share)
+    rest = cv2.cvtColor(np.round(255 * (1 - share)).astype(np.uint8), cv2.COLOR_GRAY2BGRA)
     part = image[y0:y1]
-    part[:] = cv2.blendLinear(part, colours, 1 - wide, wide)
+    cv2.multiply(part, cv2.resize(rest, size, interpolation=cv2.INTER_LINEAR), part, 1 / 255)
+    sky = np.round(_sky(light, downs) * share[..., None]).astype(np.uint8)
+    cv2.add(part, cv2.resize(sky, size, interpolation=cv2.INTER_LINEAR), part)
 
 
 def _sky(light: Light, downs: FloatArray) -> FloatArray:
+    """Colours (..., 4) of the sky; below the horizon that of the haze."""
     haze, zenith = np.asarray(light.haze_bgr), np.asarray(light.zenith_bgr)
-    share = np.clip(-downs / 0.7, 0, 1)[..., None] ** 0.7
-    return np.asarray(np.clip((haze + share * (zenith - haze)) * light.exposure_bgr, 0, 255))
+    share = (np.minimum(np.maximum(-downs, 0.0), 0.7) / 0.7) ** 0.7
+    found = np.zeros((*downs.shape, 4))
+    for i, (low, high) in enumerate(zip(haze * light.exposure_bgr, zenith * light.exposure_bgr, strict=True)):
+        found[..., i] = np.minimum(low + share * (high - low), 255.0)
+    return found

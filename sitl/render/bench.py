@@ -97,12 +97,12 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parts(renderer: Renderer, times: list[float], poses: list[CameraPose]) -> dict[str, Callable[[int], object]]:
     from sitl.render.backdrop import draw_backdrop
-    from sitl.render.bodies import pose_movers
+    from sitl.render.posed import pose_movers
     from sitl.render.projection import View
     from sitl.render.surface import Surface
 
     world, camera = renderer.world, renderer.camera
-    image = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
+    image = np.zeros((camera.height_px, camera.width_px, 4), np.uint8)
     ids = np.zeros(image.shape[:2], np.uint8)
 
     def view(i: int) -> View:

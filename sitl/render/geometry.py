@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sitl.render.bodies import Posed, pose_movers
+from sitl.render.posed import Posed, pose_movers
 from sitl.render.projection import View
 from sitl.render.truth import Outline, outlines
 from sitl.scene import CameraModel, CameraPose, ObjectTruth
@@ -38,11 +38,12 @@ class GeometryCamera:
             middle = tree.base - np.array([0.0, 0.0, tree.crown_bottom_m / 2])
             spheres.append((middle, float(np.hypot(tree.trunk_radius_m, tree.crown_bottom_m / 2))))
         self._normals, self._offsets = _table(solids)
-        self._middles = np.array([s[0] for s in spheres]).reshape(-1, 3)
-        self._reaches = np.array([s[1] for s in spheres])
         self._crowns = np.array([t.crown_centre for t in world.trees]).reshape(-1, 3)
         radii = [(t.crown_radius_m, t.crown_radius_m, t.crown_half_height_m) for t in world.trees]
         self._radii = np.array(radii).reshape(-1, 3)
+        # Balls around everything: solids and trunks, then crowns.
+        self._middles = np.concatenate([np.array([s[0] for s in spheres]).reshape(-1, 3), self._crowns])
+        self._reaches = np.concatenate([np.array([s[1] for s in spheres]), self._radii.max(axis=1, initial=0.0)])
 
     def observe(self, t_s: float, pose: CameraPose) -> dict[str, ObjectTruth]:
         """Truth of every car and person at a time, by name."""
@@ -67,24 +68,28 @@ class GeometryCamera:
     def _hidden(self, eye: FloatArray, samples: _Samples, bodies: list[Posed], movers: list[Posed]) -> BoolArray:
         """Which samples cannot be seen from the eye."""
         rays = samples.points - eye
-        middles = np.array([body.middle for body in bodies])
-        reaches = np.array([float(np.linalg.norm(body.half)) for body in bodies])
-        near = _near(eye, middles, reaches, self._middles, self._reaches)
-        hidden = _cut_by_solids(eye, rays, self._normals[near], self._offsets[near]).any(axis=0)
-        near = _near(eye, middles, reaches, self._crowns, self._radii.max(axis=1, initial=0.0))
-        hidden |= _cut_by_balls(eye, rays, self._crowns[near], self._radii[near])
+        targets = np.array([body.number - 1 for body in bodies])
         others = np.array([body.middle for body in movers])
-        sizes = np.array([float(np.linalg.norm(body.half)) for body in movers])
-        close = np.nonzero(_near(eye, middles, reaches, others, sizes))[0]
-        axes = np.array([movers[k].turn for k in close])
-        offsets = (axes @ others[close][..., None])[..., 0]
-        half = np.array([movers[k].half for k in close])
+        halves = np.array([body.half for body in movers])
+        sizes = np.sqrt((halves * halves).sum(axis=1))
+        near = _near(
+            eye, others[targets], sizes[targets],
+            np.concatenate([self._middles, others]), np.concatenate([self._reaches, sizes]),
+        )  # fmt: skip
+        solids, fixed = self._normals.shape[1], len(self._middles)
+        solid, crown, close = (np.nonzero(part)[0] for part in np.split(near, [solids, fixed]))
+        hidden = np.zeros(len(rays), dtype=bool)
+        if len(crown):
+            hidden |= _cut_by_balls(eye, rays, self._crowns[crown], self._radii[crown])
+        normals, offsets = _planes(np.array([body.turn for body in movers])[close], others[close], halves[close])
         hits = _cut_by_solids(
-            eye, rays, np.concatenate([axes, -axes], axis=1), np.concatenate([offsets + half, half - offsets], axis=1)
-        )
-        numbers = np.array([movers[k].number for k in close])
-        own = np.array([body.number for body in bodies])[samples.owner]
-        return np.asarray(hidden | (hits & (numbers[:, None] != own)).any(axis=0))
+            eye, rays,
+            np.concatenate([self._normals[:, solid], normals], axis=1),
+            np.concatenate([self._offsets[:, solid], offsets], axis=1),
+        )  # fmt: skip
+        # No body hides itself.
+        hits[len(solid) :] &= close[:, None] != targets[samples.owner]
+        return np.asarray(hidden | hits.any(axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,21 +109,25 @@ def _may_be_seen(view: View, outline: Outline) -> bool:
 
 
 def _samples(view: View, bodies: list[Posed]) -> _Samples:
-    points = np.concatenate([body.to_ned(body.mesh.samples) for body in bodies])
+    points = np.concatenate([body.mesh.samples @ body.turn + body.origin for body in bodies])
     normals = np.concatenate([body.mesh.sample_normals @ body.turn for body in bodies])
     areas = np.concatenate([body.mesh.sample_areas for body in bodies])
     owner = np.repeat(np.arange(len(bodies)), [len(body.mesh.samples) for body in bodies])
     towards = view.position - points
-    lean = (towards * normals).sum(axis=1)
-    in_camera = view.to_camera(points)
-    depth = np.maximum(in_camera[:, 2], view.near_m)
-    pixels = view.focal_px * in_camera[:, :2] / depth[:, None] + view.middle_px
-    size = (view.width_px, view.height_px)
-    kept = (lean > 0) & (in_camera[:, 2] >= view.near_m) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+    lean = _dot(towards, normals)
+    x, y, z = view.to_camera(points).T
+    share = view.focal_px / np.maximum(z, view.near_m)
+    x, y = share * x + view.middle_px[0], share * y + view.middle_px[1]
+    kept = (lean > 0) & (z >= view.near_m) & (x >= 0) & (x < view.width_px) & (y >= 0) & (y < view.height_px)
     # What a point stands for in the picture: its area as it is turned to the eye, over depth squared.
-    square = np.maximum((towards**2).sum(axis=1), view.near_m**2)
+    square = np.maximum(_dot(towards, towards), view.near_m**2)
     weight = areas * lean / np.sqrt(square) / square
-    return _Samples(points[kept], pixels[kept], weight[kept], owner[kept])
+    return _Samples(points[kept], np.stack([x[kept], y[kept]], axis=1), weight[kept], owner[kept])
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Products of rows (..., 3): (...,)."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def _truth(outline: Outline, weight: FloatArray, pixels: FloatArray, clear: BoolArray) -> ObjectTruth:
@@ -135,32 +144,45 @@ def _near(
 ) -> BoolArray:
     """Which balls come near any of the lines from the eye to balls of radii `reaches` about the targets."""
     ways = targets - eye
-    squares = np.maximum((ways**2).sum(axis=1), 1e-12)
+    squares = np.maximum(_dot(ways, ways), 1e-12)
     offsets = middles - eye
-    along = np.clip(offsets @ ways.T / squares, 0.0, 1.0)
+    along = np.minimum(np.maximum(offsets @ ways.T / squares, 0.0), 1.0)
     gaps = offsets[:, None] - along[..., None] * ways
-    return np.asarray(((gaps**2).sum(axis=2) < (sizes[:, None] + reaches) ** 2).any(axis=1))
+    return np.asarray((_dot(gaps, gaps) < (sizes[:, None] + reaches) ** 2).any(axis=1))
+
+
+def _planes(axes: FloatArray, middles: FloatArray, halves: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Planes of boxes (N) in the form of `_table`, from axes (N, 3, 3), middles (N, 3) and half sizes (N, 3)."""
+    normals = np.zeros((MOST_PLANES, len(axes), 3))
+    offsets = np.full((MOST_PLANES, len(axes)), NOTHING_M)
+    normals[:3] = axes.transpose(1, 0, 2)
+    normals[3:6] = -normals[:3]
+    along = _dot(normals[:3], middles)
+    offsets[:3], offsets[3:6] = along + halves.T, halves.T - along
+    return normals, offsets
 
 
 def _cut_by_solids(eye: FloatArray, rays: FloatArray, normals: FloatArray, offsets: FloatArray) -> BoolArray:
-    """Which rays (n, 3), from the eye to their ends, pass through the solids (k, planes, 3): (k, n)."""
-    speed = rays @ normals.transpose(0, 2, 1)  # (k, n, planes): how fast the ray leaves the plane's inner side
-    room = (offsets - normals @ eye)[:, None]
+    """Which rays (n, 3), from the eye to their ends, pass through the solids (planes, k, 3): (k, n)."""
+    # Planes come first: numpy is slow along short last axes. Speed: how fast a ray leaves a plane's inner side.
+    speed = (normals.reshape(-1, 3) @ rays.T).reshape(*offsets.shape, len(rays))
+    room = (offsets - normals @ eye)[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = room / speed
-    enter = np.where(speed < 0, crossing, np.where((speed == 0) & (room < 0), np.inf, -np.inf)).max(axis=2)
-    leave = np.where(speed > 0, crossing, np.inf).min(axis=2)
-    return np.asarray(np.maximum(enter, 0.0) < np.minimum(leave, 1.0))
+    enters, leaves = speed < 0, speed > 0
+    enter = np.where(enters, crossing, -np.inf).max(axis=0)
+    leave = np.where(leaves, crossing, np.inf).min(axis=0)
+    missed = (~(enters | leaves) & (room < 0)).any(axis=0)  # along a plane, outside
+    return np.asarray((np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & ~missed)
 
 
 def _cut_by_balls(eye: FloatArray, rays: FloatArray, middles: FloatArray, radii: FloatArray) -> BoolArray:
     """Which rays (n, 3) pass through one of the ellipsoids (k, 3)."""
-    start = (eye - middles) / radii
-    way = rays[None] / radii[:, None]
-    square = (way**2).sum(axis=2)
-    along = np.clip(-(way @ start[..., None])[..., 0] / np.maximum(square, 1e-12), 0.0, 1.0)
-    nearest = start[:, None] + along[..., None] * way
-    return np.asarray(((nearest**2).sum(axis=2) < 1.0).any(axis=0))
+    start = ((eye - middles) / radii)[:, None]
+    way = rays / radii[:, None]
+    along = np.minimum(np.maximum(-_dot(way, start) / np.maximum(_dot(way, way), 1e-12), 0.0), 1.0)
+    nearest = start + along[..., None] * way
+    return np.asarray((_dot(nearest, nearest) < 1.0).any(axis=0))
 
 
 def _visible_box(whole: Box | None, inside: FloatArray, clear: FloatArray) -> Box:
@@ -184,10 +206,10 @@ def _post(base: FloatArray, radius_m: float, height_m: float) -> tuple[FloatArra
 
 
 def _table(solids: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Planes of all solids in one table each: normals (N, MOST_PLANES, 3), offsets (N, MOST_PLANES)."""
-    normals = np.zeros((len(solids), MOST_PLANES, 3))
-    offsets = np.full((len(solids), MOST_PLANES), NOTHING_M)
+    """Planes of all solids in one table each: normals (MOST_PLANES, N, 3), offsets (MOST_PLANES, N)."""
+    normals = np.zeros((MOST_PLANES, len(solids), 3))
+    offsets = np.full((MOST_PLANES, len(solids)), NOTHING_M)
     for i, (planes, distances) in enumerate(solids):
-        normals[i, : len(planes)] = planes
-        offsets[i, : len(planes)] = distances
+        normals[: len(planes), i] = planes
+        offsets[: len(planes), i] = distances
     return normals, offsets

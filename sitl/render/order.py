@@ -12,6 +12,7 @@ BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
 
 SLACK_M = 1e-3  # boxes that touch count as apart
+SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)  # of a box's corners
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,14 +38,20 @@ class Boxes:
             np.concatenate([self.yaw, other.yaw]),
         )
 
+    def chosen(self, index: IndexArray) -> Boxes:
+        """Some of them."""
+        return Boxes(self.centre[index], self.half[index], self.yaw[index])
+
     def corners(self) -> FloatArray:
-        """(N, 8, 3) NED."""
-        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-        local = self.half[:, None] * signs
-        c, s = np.cos(self.yaw)[:, None], np.sin(self.yaw)[:, None]
-        north = local[..., 0] * c - local[..., 1] * s
-        east = local[..., 0] * s + local[..., 1] * c
-        return self.centre[:, None] + np.stack([north, east, local[..., 2]], axis=-1)
+        """(8, N, 3) NED."""
+        local = self.half * SIGNS[:, None]
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        found = np.empty_like(local)
+        found[..., 0] = local[..., 0] * c - local[..., 1] * s
+        found[..., 1] = local[..., 0] * s + local[..., 1] * c
+        found[..., 2] = local[..., 2]
+        found += self.centre
+        return found
 
 
 def hiding(boxes: Boxes, first: IndexArray, second: IndexArray, eye: FloatArray) -> tuple[BoolArray, BoolArray]:
@@ -55,36 +62,43 @@ def hiding(boxes: Boxes, first: IndexArray, second: IndexArray, eye: FloatArray)
     first_hides = np.ones(len(first), dtype=bool)
     second_hides = np.ones(len(first), dtype=bool)
     c, s = np.cos(boxes.yaw), np.sin(boxes.yaw)
-    at_eye = _along_axes(eye - boxes.centre, c, s)
+    # Axes come first, (3, n): numpy is slow along short last axes.
+    at_eye = _along_axes((eye - boxes.centre).T, c, s)
+    centre, halves = np.ascontiguousarray(boxes.centre.T), np.ascontiguousarray(boxes.half.T)
     for owner, other, owner_hides, other_hides in (
         (first, second, first_hides, second_hides),
         (second, first, second_hides, first_hides),
     ):
         # Everything in the owner's frame: it reaches from -half to +half.
-        half = boxes.half[owner]
-        middle = _along_axes(boxes.centre[other] - boxes.centre[owner], c[owner], s[owner])
-        turn = boxes.yaw[other] - boxes.yaw[owner]
-        ct, st = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-        size = boxes.half[other]
-        reach = np.stack([size[:, 0] * ct + size[:, 1] * st, size[:, 0] * st + size[:, 1] * ct, size[:, 2]], axis=1)
-        gap = np.abs(middle) - reach
-        apart = gap >= half - SLACK_M
-        eye_at = at_eye[owner] * np.where(middle >= 0, 1.0, -1.0)
-        owner_hides &= ~(apart & (eye_at >= half - SLACK_M)).any(axis=1)
-        other_hides &= ~(apart & (eye_at <= gap + SLACK_M)).any(axis=1)
+        edge = halves[:, owner] - SLACK_M
+        middle = _along_axes(centre[:, other] - centre[:, owner], c[owner], s[owner])
+        # Cosine and sine of the turn from one to the other.
+        ct = np.abs(c[other] * c[owner] + s[other] * s[owner])
+        st = np.abs(s[other] * c[owner] - c[other] * s[owner])
+        size = halves[:, other]
+        gap = np.abs(middle)
+        gap[0] -= size[0] * ct + size[1] * st
+        gap[1] -= size[0] * st + size[1] * ct
+        gap[2] -= size[2]
+        apart = gap >= edge
+        eye_at = np.copysign(1.0, middle) * at_eye[:, owner]
+        owner_hides &= ~(apart & (eye_at >= edge)).any(axis=0)
+        other_hides &= ~(apart & (eye_at <= gap + SLACK_M)).any(axis=0)
     return first_hides, second_hides
 
 
 def _along_axes(points: FloatArray, c: FloatArray, s: FloatArray) -> FloatArray:
-    return np.stack([points[:, 0] * c + points[:, 1] * s, points[:, 1] * c - points[:, 0] * s, points[:, 2]], axis=1)
+    """Points (3, n) along the axes of boxes."""
+    return np.stack([points[0] * c + points[1] * s, points[1] * c - points[0] * s, points[2]])
 
 
 def paint_order(boxes: Boxes, low_px: FloatArray, high_px: FloatArray, eye: FloatArray) -> list[int]:
     """Indices from the first drawn to the last; only boxes whose pictures (`low_px`, `high_px`) overlap matter."""
     distance = np.linalg.norm(boxes.centre - eye, axis=1)
     far_first = np.argsort(-distance, kind="stable")
-    overlap = np.all((low_px[:, None] < high_px[None]) & (low_px[None] < high_px[:, None]), axis=2)
-    first, second = np.nonzero(np.triu(overlap, 1))
+    (left, top), (right, bottom) = low_px.T, high_px.T
+    before, above = left[:, None] < right, top[:, None] < bottom
+    first, second = np.nonzero(np.triu(before & before.T & above & above.T, 1))
     forward, backward = hiding(boxes, first, second, eye)
     # Where both may hide the other (boxes that touch), the nearer one is drawn later.
     both = forward & backward
@@ -96,7 +110,7 @@ def paint_order(boxes: Boxes, low_px: FloatArray, high_px: FloatArray, eye: Floa
         behind[a].append(b)
     for a, b in zip(first[backward].tolist(), second[backward].tolist(), strict=True):
         behind[b].append(a)
-    return _sorted(behind, [int(i) for i in far_first])
+    return _sorted(behind, far_first.tolist())
 
 
 def _sorted(behind: list[list[int]], start: list[int]) -> list[int]:

@@ -33,7 +33,8 @@ class Post:
         self._bank = _noise_bank(camera.width_px + NOISE_MARGIN_PX, camera.height_px + NOISE_MARGIN_PX, seed)
 
     def apply(self, image: ImageU8, view: View, pose: CameraPose, frame_index: int) -> ImageU8:
-        """The picture as the camera gives it."""
+        """The picture (H, W, 3) as the camera gives it, from one of four channels."""
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2BGR), dtype=np.uint8)
         way = blur_way_px(self._camera, view, pose, self._scale)
         if math.hypot(*way) >= BLUR_FROM_PX:
             image = np.asarray(cv2.filter2D(image, -1, line_kernel(way)), dtype=np.uint8)
@@ -46,12 +47,14 @@ class Post:
         parts = [noise[y : y + height, x : x + width] for noise in (plus, minus)]
         if self._mirrored:
             parts = [np.ascontiguousarray(part[:, ::-1]) for part in parts]
-        return np.asarray(cv2.subtract(cv2.add(image, parts[0]), parts[1]), dtype=np.uint8)
+        cv2.add(image, parts[0], image)
+        cv2.subtract(image, parts[1], image)
+        return image
 
 
 def blur_way_px(camera: CameraModel, view: View, pose: CameraPose, scale: float) -> tuple[float, float]:
     """How far the middle of the picture moves (right, down) during the exposure."""
-    _, pitch_rate, yaw_rate = (float(np.clip(v, -100, 100)) for v in pose.rates_rad_s)
+    pitch_rate, yaw_rate = (min(max(v, -100.0), 100.0) for v in pose.rates_rad_s[1:])
     velocity = view.axes @ np.clip(np.asarray(pose.vel_ned_m_s, np.float64), -1e4 * scale, 1e4 * scale)
     down = float(view.axes[2, 2])
     depth = view.height_m / down if down > 1e-3 and view.height_m > 0 else math.inf

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from sitl.scene import CameraModel, CameraPose
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 NEAR_M = 0.15  # nothing nearer to the lens is drawn
 FARTHEST_M = 1e5  # a camera beyond is drawn from there, so that no number overflows
@@ -57,11 +58,20 @@ class View:
 
     def to_camera(self, points: FloatArray) -> FloatArray:
         """NED (..., 3) to camera coordinates (..., 3)."""
-        return np.asarray((points - self.position) @ self.axes.T)
+        # One product of matrices: numpy multiplies stacks of small ones one after the other.
+        flat = (points - self.position).reshape(-1, 3) @ self.axes.T
+        return np.asarray(flat.reshape(points.shape))
 
     def pixels(self, in_camera: FloatArray) -> FloatArray:
         """Camera coordinates (..., 3) with positive depth to pixels (..., 2)."""
         return np.asarray(self.focal_px * in_camera[..., :2] / in_camera[..., 2:] + self.middle_px)
+
+    def may_see(self, in_camera: FloatArray) -> BoolArray:
+        """False (N,) for sets of points (m, N, 3), camera coordinates, that all lie beyond one side of the picture."""
+        x, y, z = in_camera.transpose(2, 0, 1)
+        right, down = z * (self.middle_px[0] / self.focal_px), z * (self.middle_px[1] / self.focal_px)
+        beyond = x > right, x < -right, y > down, y < -down
+        return np.asarray(~np.logical_or.reduce([side.all(axis=0) for side in beyond]))
 
     def plane_to_pixels(self, origin: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
         """Homography (3, 3) from coordinates (s, t) on the plane origin + s u + t v to pixels."""
@@ -105,13 +115,15 @@ def _cut_sides(pixels: FloatArray) -> FloatArray:
 
 def windows(view: View, low: FloatArray, high: FloatArray) -> list[tuple[int, int, int, int]]:
     """Whole pixels x0, y0, x1, y1 that cover boxes (n, 2) and lie in the picture; x1 <= x0 or y1 <= y0 when none."""
-    size = (view.width_px, view.height_px)
-    first = np.floor(np.clip(low, 0, size))
-    last = np.ceil(np.clip(high, 0, size))
-    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in np.concatenate([first, last], axis=1).astype(int).tolist()]
+    edges = np.concatenate([np.floor(low), np.ceil(high)], axis=1)
+    size = (view.width_px, view.height_px) * 2
+    inside = np.minimum(np.maximum(edges, 0.0), size).astype(int)
+    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in inside.tolist()]
 
 
 def window(view: View, low: FloatArray, high: FloatArray) -> tuple[int, int, int, int] | None:
     """The same for one box (2,), None when there are none."""
-    x0, y0, x1, y1 = windows(view, low[None], high[None])[0]
+    (left, top), (right, bottom) = low.tolist(), high.tolist()
+    x0, y0 = max(0, math.floor(left)), max(0, math.floor(top))
+    x1, y1 = min(view.width_px, math.ceil(right)), min(view.height_px, math.ceil(bottom))
     return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None

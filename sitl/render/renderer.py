@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sitl.render.backdrop import draw_backdrop
-from sitl.render.bodies import Posed, draw_body, draw_shadow, pose_movers
+from sitl.render.bodies import draw_body
 from sitl.render.faces import Faces, draw_faces
 from sitl.render.foliage import Foliage
 from sitl.render.order import Boxes, paint_order
+from sitl.render.posed import Posed, pose_movers
 from sitl.render.post import Post
 from sitl.render.projection import View
+from sitl.render.shading import Lit, draw_shadows, light_bodies
 from sitl.render.surface import Surface
 from sitl.render.truth import Outline, outlines
 from sitl.scene import CameraModel, CameraPose, ObjectTruth
@@ -52,12 +54,13 @@ class Renderer:
         boxes = [(s.centre, s.half, s.yaw_rad) for s in world.solids]
         pairs = [_tree_boxes(tree) for tree in world.trees]
         self._boxes = Boxes.stack([*boxes, *(p[0] for p in pairs), *(p[1] for p in pairs)])
+        self._corners = self._boxes.corners()
 
     def render(self, t_s: float, pose: CameraPose, frame_index: int) -> Picture:
         """Picture and truth at a time; `frame_index` chooses the noise."""
         view = View(self.camera, pose, self.world.scale)
         shape = (self.camera.height_px, self.camera.width_px)
-        image, ids = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
+        image, ids = np.zeros((*shape, 4), np.uint8), np.zeros(shape, np.uint8)
         movers = pose_movers(self.world, t_s)
         draw_backdrop(image, view, self.world.ground, self.world.light, self.world.scale)
         surface = Surface.new(image, ids, view, self.world.light, self.world.scale)
@@ -70,33 +73,37 @@ class Renderer:
 
     def draw_things(self, surface: Surface, movers: list[Posed]) -> dict[int, int]:
         """Draw everything that stands on the ground, far things first; pixels that each mover covers."""
-        view, ground = surface.view, self.world.ground
-        boxes = self._boxes.joined(Boxes.stack([body.box for body in movers]))
-        shown, low, high = _in_picture(boxes, view)
-        solids, trees = len(self.world.solids), len(self.world.trees)
+        view, solids, trees = surface.view, len(self.world.solids), len(self.world.trees)
         first_mover = solids + 2 * trees
+        moving = Boxes.stack([body.box for body in movers])
+        shown, low, high = _in_picture(np.concatenate([self._corners, moving.corners()], axis=1), view)
+        boxes = self._boxes.joined(moving).chosen(shown)
         tracked = np.concatenate([low, high], axis=1)[shown >= first_mover]
         surface = replace(surface, tracked=tuple(tuple(row) for row in tracked.tolist()))
         wanted = np.zeros(solids, dtype=bool)
         wanted[shown[shown < solids]] = True
-        faces, seen = self._faces.prepare(view, wanted), self._foliage.prepare(view)
-        for index in shown[shown >= first_mover]:
-            draw_shadow(surface, movers[index - first_mover], ground)
+        faces, seen = self._faces.prepare(view, wanted), self._foliage.prepare(surface)
+        lights = self._light(surface, [movers[i] for i in (shown[shown >= first_mover] - first_mover).tolist()])
         covered: dict[int, int] = {}
-        kept = Boxes(boxes.centre[shown], boxes.half[shown], boxes.yaw[shown])
-        for rank in paint_order(kept, low, high, view.position):
-            index = int(shown[rank])
+        numbers = shown.tolist()
+        for rank in paint_order(boxes, low, high, view.position):
+            index = numbers[rank]
             if index < solids:
-                distance = float(np.linalg.norm(boxes.centre[index] - view.position))
-                draw_faces(surface, faces.get(index, []), surface.haze(distance))
+                draw_faces(surface, faces.get(index, []), surface.haze(math.dist(boxes.centre[rank], view.position)))
             elif index < solids + trees:
                 self._foliage.draw_trunk(surface, seen, index - solids)
             elif index < first_mover:
                 self._foliage.draw_crown(surface, seen, index - solids - trees)
             else:
                 body = movers[index - first_mover]
-                covered[body.number] = draw_body(surface, body, ground)
+                covered[body.number] = draw_body(surface, body, lights[body.number])
         return covered
+
+    def _light(self, surface: Surface, bodies: list[Posed]) -> dict[int, Lit]:
+        """Draw the shadows of bodies; light on them by their numbers."""
+        lights = light_bodies(surface, bodies, self.world.ground)
+        draw_shadows(surface, bodies, lights)
+        return {body.number: light for body, light in zip(bodies, lights, strict=True)}
 
 
 def _tree_boxes(tree: Tree) -> list[tuple[FloatArray, FloatArray, float]]:
@@ -107,21 +114,22 @@ def _tree_boxes(tree: Tree) -> list[tuple[FloatArray, FloatArray, float]]:
     return [trunk, (tree.crown_centre, crown, 0.0)]
 
 
-def _in_picture(boxes: Boxes, view: View) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray]:
-    """Indices of the boxes that may be seen, with the corners of their pictures (n, 2)."""
-    corners = view.to_camera(boxes.corners())
-    depth = corners[..., 2]
-    near = depth < view.near_m
-    size = np.array([view.width_px, view.height_px])
-    pixels = view.focal_px * corners[..., :2] / np.maximum(depth, view.near_m)[..., None] + view.middle_px
-    low, high = pixels.min(axis=1), pixels.max(axis=1)
+def _in_picture(corners: FloatArray, view: View) -> tuple[npt.NDArray[np.intp], FloatArray, FloatArray]:
+    """Indices of the boxes (8, N, 3) that may be seen, with the corners of their pictures (n, 2)."""
+    in_camera = view.to_camera(corners)
+    x, y, depth = in_camera.transpose(2, 0, 1)
+    nearest = depth.min(axis=0)
+    share = view.focal_px / np.maximum(depth, view.near_m)
+    x, y = share * x + view.middle_px[0], share * y + view.middle_px[1]
     # What reaches behind the camera may be anywhere in the picture.
-    partly = near.any(axis=1)
-    low[partly], high[partly] = 0.0, size
-    seen = ~near.all(axis=1) & (low < size).all(axis=1) & (high > 0).all(axis=1)
-    seen &= (high - low).max(axis=1) >= LEAST_PX
+    partly = nearest < view.near_m
+    left, right = np.where(partly, 0.0, x.min(axis=0)), np.where(partly, view.width_px, x.max(axis=0))
+    top, bottom = np.where(partly, 0.0, y.min(axis=0)), np.where(partly, view.height_px, y.max(axis=0))
+    seen = (depth.max(axis=0) >= view.near_m) & (left < view.width_px) & (top < view.height_px)
+    seen &= (right > 0) & (bottom > 0) & (np.maximum(right - left, bottom - top) >= LEAST_PX)
+    seen &= view.may_see(in_camera)
     shown = np.nonzero(seen)[0]
-    return shown, low[shown], high[shown]
+    return shown, np.stack([left, top], axis=1)[shown], np.stack([right, bottom], axis=1)[shown]
 
 
 def _truth(surface: Surface, body: Posed, outline: Outline, covered: int) -> ObjectTruth:

@@ -24,8 +24,9 @@ POINT_SHIFT = 3  # polygons are given to cv2 in eighths of a pixel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """The picture (H, W, 3) and, at each pixel, the number of the mover seen there (0 = none).
+    """The picture (H, W, 4) and, at each pixel, the number of the mover seen there (0 = none).
 
+    The picture's fourth channel means nothing: cv2 warps and blends four channels faster than three.
     `tracked` holds the rectangles (x0, y0, x1, y1) in which movers may be: elsewhere the numbers need no care.
     `sun_right` is the component of the sun's direction to the right of the picture.
     Make one by `new`.
@@ -60,10 +61,16 @@ class Surface:
 
 
 def blend(part: ImageU8, premultiplied: ImageU8) -> None:
-    """Put a premultiplied BGRA picture over a part of the image."""
-    rest = cv2.cvtColor(cv2.bitwise_not(cv2.extractChannel(premultiplied, 3)), cv2.COLOR_GRAY2BGR)
+    """Put a premultiplied BGRA picture over a part of the image (four channels)."""
+    rest = cv2.cvtColor(cv2.bitwise_not(cv2.extractChannel(premultiplied, 3)), cv2.COLOR_GRAY2BGRA)
     cv2.multiply(part, rest, part, 1 / 255)
-    cv2.add(part, cv2.cvtColor(premultiplied, cv2.COLOR_BGRA2BGR), part)
+    cv2.add(part, premultiplied, part)
+
+
+def covering(premultiplied: ImageU8) -> ImageU8:
+    """Mask (255) of the pixels that a premultiplied BGRA picture covers."""
+    _, mask = cv2.threshold(cv2.extractChannel(premultiplied, 3), COVERED - 1, 255, cv2.THRESH_BINARY)
+    return np.asarray(mask, dtype=np.uint8)
 
 
 def shifted(matrix: FloatArray, x0: float, y0: float) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sitl.render.bodies import Posed
+from sitl.render.posed import Posed
 from sitl.render.projection import View
 from sitl.scene import ObjectTruth
 from tracker.box import Box

@@ -63,7 +63,7 @@ class VehicleSection(Section):
     max_accel_m_s2: Annotated[float, Bounds(0.5, 16.0)] = Field(default=8.0, description="horizontal acceleration")
     max_jerk_m_s3: Annotated[float, Bounds(1.0, 200.0)] = Field(default=25.0, description="change of acceleration")
     max_yaw_rate_deg_s: Annotated[float, Bounds(10.0, 360.0)] = Field(default=120.0, description="turning about down")
-    delay_ms: Milliseconds = Field(default=47.5, description="from the velocity controller to the motors")
+    delay_ms: Milliseconds = Field(default=50.0, description="from the velocity controller to the motors")
 
 
 class GimbalSection(Section):

@@ -19,7 +19,7 @@ from sitl.world.solid import FloatArray, ImageU8, Solid, Tree, mirror_signs
 from sitl.world.spec import PointNE, RoadSpec, WorldSpec
 
 TEXEL_M = 0.06  # a pixel at 30 m; nearer ground gets the detail tile as well
-MOST_PX = 4096  # memory of the picture: 50 MB
+MOST_PX = 4096  # memory of the picture: 90 MB with its halvings
 COARSE = 4  # texels of light and shadow are that much larger
 FIELD = 8  # and those of the broad colours
 DETAIL_TEXEL_M = 0.02
@@ -33,8 +33,9 @@ ASPHALT, PAVING, KERB, DRIVE, PAINT = (104, 103, 101), (148, 153, 156), (176, 17
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
     """Picture of the ground: `levels[0]` has its corner at `origin` (NED), columns along `u`, rows along `v` (a texel).
+    The levels have four channels, of which the last means nothing: cv2 warps four in less than half the time of three.
 
-    `detail` is a finer grain (128 = as it is) whose texels are `detail_texel_m`, twice its period in both directions;
+    `detail` is a finer grain (128 = as it is) whose texels are `detail_texel_m`, twice its period in both directions.
     `sunlit` (rows as above, `COARSE` times coarser) is the share of sun that reaches the ground, 255 = all.
     """
 
@@ -49,7 +50,7 @@ class Ground:
     @property
     def texel_m(self) -> float:
         """Side of a texel of level 0."""
-        return float(np.linalg.norm(self.u))
+        return math.hypot(*self.u.tolist())
 
     def mapped(self, scale: float, mirror: bool) -> Ground:
         """The ground of a scaled, mirrored world."""
@@ -62,7 +63,7 @@ class Ground:
         """Share of the sun that reaches a place, 0 to 1; 1 outside of the picture."""
         offset = np.array([north_m, east_m, 0.0]) - self.origin
         step = self.texel_m**2 * COARSE
-        column, row = int(offset @ self.u / step), int(offset @ self.v / step)
+        column, row = int(float(offset @ self.u) / step), int(float(offset @ self.v) / step)
         rows, columns = self.sunlit.shape
         return float(self.sunlit[row, column]) / 255 if 0 <= row < rows and 0 <= column < columns else 1.0
 
@@ -87,7 +88,7 @@ def build_ground(spec: WorldSpec, light: Light, painter: Painter, solids: list[S
     cv2.multiply(picture, wide, picture, 1 / 128)
     texel = canvas.texel_m
     return Ground(
-        pyramid(picture),
+        pyramid(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2BGRA), dtype=np.uint8)),
         np.array([canvas.south_m, canvas.west_m, 0.0]),
         np.array([0.0, texel, 0.0]),
         np.array([texel, 0.0, 0.0]),

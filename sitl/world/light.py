@@ -59,8 +59,11 @@ class Light:
         """Factor from albedo in light 1 to the picture's numbers, by channel."""
         return self.gain * np.asarray(self.tint_bgr)
 
-    def shade(self, normals: FloatArray, sunlit: float = 1.0) -> FloatArray:
-        """Light (N,) on faces with outward normals (N, 3) NED; `sunlit` is the share of the sun that is not shaded."""
+    def shade(self, normals: FloatArray, sunlit: float | FloatArray = 1.0) -> FloatArray:
+        """Light (N,) on faces with outward normals (N, 3) NED.
+
+        `sunlit` (one for all, or (N,)) is the share of the sun that is not shaded.
+        """
         up = -normals[:, 2]
         sky = (1 - self.sun_share) * (0.72 + 0.28 * up)  # a wall sees half of the sky and some light off the ground
         sun = self.sun_share / -self.to_sun[2] * np.maximum(normals @ np.asarray(self.to_sun), 0.0)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -30,7 +31,8 @@ class Mesh:
     """Faces over `vertices` (V, 3). A face faces away from the body along `normals` (F, 3) at distance `offsets` (F,).
 
     `colours` (F, 3) are BGR albedos, `gloss` (F,) is the share of mirrored sky. Faces of one part are drawn in their
-    order. `samples` (S, 3) with normals and areas are spread over the surface; `low` and `high` bound the body.
+    order. `samples` (S, 3) with normals and areas are spread over the surface; `low` and `high` bound the body, `foot`
+    (K, 3) are the corners of its outline from above, put on the ground.
     """
 
     vertices: FloatArray
@@ -45,6 +47,21 @@ class Mesh:
     sample_areas: FloatArray
     low: FloatArray
     high: FloatArray
+    foot: FloatArray
+    # What follows from the above and is needed for every picture: middle and half sizes of the bounds, the faces'
+    # corners one face after the other, where in them each face begins (F + 1), and normal, colour and gloss (F, 7).
+    middle: FloatArray = field(init=False)
+    half: FloatArray = field(init=False)
+    outlines: IndexArray = field(init=False)
+    bounds: list[int] = field(init=False)
+    look: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "middle", (self.low + self.high) / 2)
+        object.__setattr__(self, "half", (self.high - self.low) / 2)
+        object.__setattr__(self, "outlines", np.concatenate(self.faces))
+        object.__setattr__(self, "bounds", np.cumsum([0, *(len(face) for face in self.faces)]).tolist())
+        object.__setattr__(self, "look", np.column_stack([self.normals, self.colours, self.gloss]))
 
     def mapped(self, scale: float, mirror: bool) -> Mesh:
         """The body in a world `scale` times as large, left and right exchanged when `mirror`."""
@@ -72,6 +89,7 @@ class Mesh:
             self.sample_areas * scale**2,
             corners[0],
             corners[1],
+            self.foot * side * scale,
         )
 
 
@@ -146,6 +164,7 @@ class MeshBuilder:
             *samples,
             vertices.min(axis=0),
             vertices.max(axis=0),
+            vertices[cv2.convexHull(vertices[:, :2].astype(np.float32), returnPoints=False)[:, 0]] * [1.0, 1.0, 0.0],
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -25,7 +26,7 @@ class TexturedFace:
     """A flat convex polygon (n, 3) NED with a picture on it.
 
     The corner (0, 0) of the picture lies at `origin`; one texel of level 0 is the vector `u` along a row and `v` along
-    a column. `levels` are the picture and its halvings.
+    a column. `levels` are the picture and its halvings, of four channels; the last means nothing (see Ground).
     """
 
     polygon: FloatArray
@@ -135,7 +136,8 @@ def textured_face(
     normal = normal / float(np.linalg.norm(normal))
     factor = float(light.shade(normal[None])[0]) * light.exposure_bgr
     lit = np.clip(picture.astype(np.float32) * factor.astype(np.float32), 0, 255).astype(np.uint8)
-    return TexturedFace(polygon, normal, polygon[0], along * texel_m, down * texel_m, pyramid(lit))
+    four = np.asarray(cv2.cvtColor(lit, cv2.COLOR_BGR2BGRA), dtype=np.uint8)
+    return TexturedFace(polygon, normal, polygon[0], along * texel_m, down * texel_m, pyramid(four))
 
 
 def make_solid(

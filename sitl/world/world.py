@@ -78,7 +78,10 @@ class World:
 
     def placements(self, t_s: float) -> dict[str, Placement]:
         """Where every car and person is at a time."""
-        return {m.name: m.path.at(t_s).mapped(self.scale, self.is_mirrored) for m in self.movers}
+        places = {m.name: m.path.at(t_s) for m in self.movers}
+        if self.scale == 1.0 and not self.is_mirrored:
+            return places
+        return {name: place.mapped(self.scale, self.is_mirrored) for name, place in places.items()}
 
     def mirrored(self) -> World:
         """The same world with east and west exchanged, pictures of all surfaces included."""
