@@ -170,3 +170,51 @@ def test_the_autopilot_alone_answers_over_udp(capsys):
 def test_bad_links_are_one_line(link, capsys):
     assert run("sitl", "autopilot", "--link", link, "--for-s", "0.1") == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_run_is_never_written_over_without_being_asked(short, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert run("sim", short(), "--geometry") == 0
+    assert {p.name for p in (tmp_path / "runs").iterdir()} == {"sim-default-0", "sim-default-0-2"}
+
+
+def test_the_last_line_is_the_verdict(short, tmp_path, capsys):
+    run("sim", short(), "--geometry", "--out", tmp_path / "a")
+    assert "PASSED: 1 of 1 criteria are met" in capsys.readouterr().out
+    only_pixels = [{"metric": "lock_share", "min": 0.5, "when": "pixels"}]
+    assert run("sim", short(criteria=only_pixels), "--geometry", "--out", tmp_path / "b") == 1
+    assert "FAILED: the scenario has no criterion for this kind of run" in capsys.readouterr().out
+
+
+def test_a_recording_that_fails_does_not_stop_the_flight_and_is_said(short, tmp_path, monkeypatch, capsys):
+    from uavfollow.mavlink.tlog import TlogError, TlogWriter
+
+    def full(self, *_):
+        raise TlogError("no space left on device")
+
+    monkeypatch.setattr(TlogWriter, "write", full)
+    assert run("sim", short(), "--geometry", "--out", tmp_path / "out") == 2
+    error = [line for line in capsys.readouterr().err.splitlines() if line.startswith("uavfollow: error")]
+    assert len(error) == 1
+    assert "link.tlog" in error[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interrupted_run_is_kept_and_has_not_passed(short, tmp_path, monkeypatch, capsys):
+    from uavfollow.sim.files import SimFiles
+
+    add, calls = SimFiles.add, []
+
+    def interrupting(self, step, begin_s):
+        calls.append(step)
+        if len(calls) == 20:
+            raise KeyboardInterrupt
+        add(self, step, begin_s)
+
+    monkeypatch.setattr(SimFiles, "add", interrupting)
+    assert run("sim", short(), "--geometry", "--out", tmp_path / "out") == 130
+    told = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert (told["interrupted"], told["passed"]) == (True, False)
+    assert told["flown_s"] < told["duration_s"]
+    assert "interrupted" in capsys.readouterr().out

@@ -198,3 +198,29 @@ def test_samples_are_complete():
     _, log = run(CLICK)
     for value in dataclasses.asdict(log.steps[-1].sample).items():
         assert value is not None
+
+
+def test_a_second_click_goes_into_the_picture_on_the_screen():
+    """The tracker has taken up every picture as it came; the operator still sees the last one."""
+    again = [ClickEvent(kind="click", at_s=2.0 + k / 100) for k in range(4)]
+    _, log = run(CLICK, *again, tracker_compute_delay_s=0.0)
+    assert [h.answer for h in log.happenings] == ["selected"] * 5
+
+
+def test_a_new_start_after_an_override_is_noted():
+    _, log = run(
+        CLICK, FOLLOW, ModeEvent(kind="mode", at_s=2.0, mode="BRAKE"), ModeEvent(kind="mode", at_s=2.5, mode="GUIDED"),
+        FollowEvent(kind="follow", at_s=3.0),
+    )  # fmt: skip
+    assert log.override_s - log.begin_s == pytest.approx(2.02, abs=0.011)
+    assert log.resumed_s - log.begin_s == pytest.approx(3.0)
+
+
+def test_without_following_there_is_nothing_to_override():
+    _, log = run(CLICK, ModeEvent(kind="mode", at_s=2.0, mode="BRAKE"))
+    assert log.override_s is None
+
+
+def test_the_log_keeps_no_pictures_and_no_records():
+    _, log = run(CLICK)
+    assert all(s.seen.image_bgr_u8 is None and s.decision.record is None for s in log.steps)
