@@ -21,10 +21,14 @@ WHOLE_LN_SIZE = 0.04
 
 
 class SizeMemory:
-    """Filter states of the last `MEMORY_S` seconds, of times at which the target was seen."""
+    """Filter states of the last `MEMORY_S` seconds, of times at which the target was seen.
+
+    `places_hold`: the states were moved with the picture, so that their places are places in the present one.
+    """
 
     def __init__(self) -> None:
         self._states: deque[FilterState] = deque()
+        self.places_hold = False
 
     def clear(self) -> None:
         """Forget all, as for a new target."""
@@ -38,6 +42,7 @@ class SizeMemory:
 
     def shift(self, dx_px: float, dy_px: float) -> None:
         """Move with the picture (ego-motion)."""
+        self.places_hold = True
         for state in self._states:
             state.x[0] += dx_px
             state.x[1] += dy_px

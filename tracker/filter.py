@@ -277,6 +277,11 @@ class BoxFilter:
         kf.x, kf.P, self._t_s = np.array(state.x), np.array(state.p), min(state.t_s, now_s)
         self.predict(now_s)
 
+    def resize(self, state: FilterState) -> None:
+        """Take the size of `state` back, at rest; place and motion stay."""
+        kf = self._started()
+        kf.x[2:4], kf.x[6:8] = state.x[2:4], 0.0
+
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the mean with the picture (ego-motion); False and untouched when not finite or too far."""
         x = self._started().x

@@ -244,9 +244,13 @@ class TargetTracker:
         """Go on from the estimate before the box shrank to the last visible strip, if that is what happened."""
         before = self._memory.before_collapse()
         self._memory.clear()
-        if before is not None:
+        if before is None:
+            return False
+        if self._memory.places_hold:
             self._filter.rewind(before)
-        return before is not None
+        else:  # the camera's motion is not known: a place in an older picture is no place in this one
+            self._filter.resize(before)
+        return True
 
     def _rest(self, status: TargetStatus, reason: TargetReason) -> None:
         self._status, self._rest_reason = status, reason

@@ -40,6 +40,7 @@ def true_centre(t_s: float) -> float:
 def test_behind_an_edge_the_whole_target_is_predicted():
     tracker = TargetTracker()
     tracker.start(visible(0.0)[0].box, 0.0)
+    tracker.shift(0.0, 0.0)  # the camera's motion is known: there is none
     lost = None
     for k in range(1, 200):
         t_s = k / FPS
@@ -99,3 +100,23 @@ def test_while_it_is_not_seen_the_search_is_for_the_whole_target():
         assert tracker.hint().size_px is None
     width_px, height_px = tracker.hint().size_px
     assert math.sqrt(width_px * height_px) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.15)
+
+
+def test_without_the_cameras_motion_only_the_size_is_taken_back():
+    """A camera that pans unknown to the tracker: the place from before the collapse is a place in another picture."""
+    tracker, pan_px_s = TargetTracker(), -60.0
+    tracker.start(visible(0.0)[0].box, 0.0)
+    before = None
+    for k in range(1, 200):
+        t_s = k / FPS
+        found = tuple(
+            Candidate(Box(c.box.cx_px - pan_px_s * t_s, c.box.cy_px, c.box.w_px, c.box.h_px), c.score, 0.9, 0.9)
+            for c in visible(t_s)
+        )
+        state = tracker.step(found, t_s, IMAGE)
+        if state.status is TargetStatus.COASTING:
+            break
+        before = state
+    assert state.reason is TargetReason.SHAPE_COLLAPSE
+    assert math.sqrt(state.box.w_px * state.box.h_px) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.15)
+    assert state.box.cx_px == pytest.approx(before.box.cx_px + before.vel_px_s[0] / FPS, abs=2.0)
