@@ -54,13 +54,13 @@ class Snapshots:
         """Whether frame `number` is one of them: evenly spaced ones, and one of each status soon after it began."""
         if status is not self._status:
             self._status, self._since = status, number
-        if status not in self._shown and number >= self._since + SETTLED_FRAMES:
-            self._shown.add(status)
-            return True
         # The next place of the even spacing has come; numbers may be left out, when pictures were dropped.
         spaced = self._spaced < SNAPSHOTS and number >= self._spaced * self._stride + self._stride // 2
         self._spaced += spaced
-        return spaced
+        settled = status not in self._shown and number >= self._since + SETTLED_FRAMES
+        if settled:
+            self._shown.add(status)
+        return spaced or settled
 
     def add(self, image: ImageU8) -> None:
         """Keep a scaled copy."""
