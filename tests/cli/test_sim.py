@@ -217,4 +217,4 @@ def test_an_interrupted_run_is_kept_and_has_not_passed(short, tmp_path, monkeypa
     told = json.loads((tmp_path / "out" / "run.json").read_text())
     assert (told["interrupted"], told["passed"]) == (True, False)
     assert told["flown_s"] < told["duration_s"]
-    assert "interrupted" in capsys.readouterr().out
+    assert "INTERRUPTED" in capsys.readouterr().out

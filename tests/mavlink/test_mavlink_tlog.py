@@ -17,6 +17,7 @@ from uavfollow.mavlink.packer import Packer, Parser
 from uavfollow.mavlink.tlog import TlogError, TlogReader, TlogTruncatedError, TlogWriter
 
 START_US = 1_700_000_000_000_000
+DATA = Path(__file__).parents[1] / "data"
 FLIGHTS = Path(__file__).parents[2] / ".." / "shared" / "flights"
 
 
@@ -191,7 +192,7 @@ def test_any_bytes_are_read_or_refused_with_the_one_error(
 
 
 def _flight(name: str) -> Path:
-    path = FLIGHTS / name
+    path = next((p for p in (DATA / name, FLIGHTS / name) if p.is_file()), FLIGHTS / name)
     if not path.is_file():
         pytest.skip(f"the recorded flight {name} is not in {FLIGHTS.resolve()}")
     return path

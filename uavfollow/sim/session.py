@@ -114,8 +114,9 @@ class SimResult:
         met = sum(c.verdict is Verdict.PASSED for c in judged)
         if not judged:
             return "FAILED: the scenario has no criterion for this kind of run"
-        cut = ", interrupted" if self.log.interrupted else ""
-        return f"{'PASSED' if self.passed else 'FAILED'}: {met} of {len(judged)} criteria are met{cut}"
+        if self.log.interrupted:
+            return f"INTERRUPTED: {met} of {len(judged)} criteria are met so far, which counts for nothing"
+        return f"{'PASSED' if self.passed else 'FAILED'}: {met} of {len(judged)} criteria are met"
 
     def as_json(self) -> dict[str, object]:
         """run.json (docs/interfaces.md)."""
