@@ -21,6 +21,7 @@ class CommandReason(str, Enum):
     HOLD_STALE_COMMAND = "hold_stale_command"
     HOLD_NO_TELEMETRY = "hold_no_telemetry"
     HOLD_NOT_FINITE = "hold_not_finite"
+    HOLD_FAILSAFE = "hold_failsafe"  # the autopilot reports a critical state and has not left the mode yet
     HOLD_FAULT = "hold_fault"  # an error in the estimate or a law; the record's `fault` says which
     LIMITED = "limited"
 

@@ -30,6 +30,8 @@ MAX_LANDED_STATE_HOLD_S = 1.0
 # The time is asked for every second. Without answers nobody knows how old the heartbeats are that come in.
 MAX_TIMESYNC_AGE_S = 5.0
 MAX_TIMESYNC_HOLD_S = 3.5
+# A failsafe that leaves the mode as it is (a warning only) must not leave the vehicle flying on: zeros come first.
+FAILSAFE_HOLD_S = 1.0
 # A HOLD of this length is no following any more: whoever wants it again starts it again (as long as a search lasts).
 MAX_HOLD_S = 12.0
 # A command that is sent again must still rest on a picture as young as this: the high end of the 0.3-0.5 s that a
@@ -73,6 +75,7 @@ class FlightSupervisor:
     def __init__(self) -> None:
         self._permission = FlightPermission(False, FlightReason.NOT_STARTED, 0.0)
         self._hold_since_s: float | None = None
+        self._failsafe_since_s: float | None = None
 
     @property
     def permission(self) -> FlightPermission:
@@ -84,6 +87,8 @@ class FlightSupervisor:
         obstacle = flight_obstacle(status, now_s)
         if obstacle is None and _is_holding(status, now_s):
             obstacle = FlightReason.LINK_LATE
+        if obstacle is None and status.failsafe:
+            obstacle = FlightReason.FAILSAFE
         if obstacle is None and not status.position_good:
             obstacle = FlightReason.NO_POSITION
         if obstacle is not None:
@@ -101,6 +106,12 @@ class FlightSupervisor:
 
     def step(self, status: FlightStatus, now_s: float) -> FlightPermission:
         """Look at the autopilot again; call it before anything is sent and whenever a heartbeat came."""
+        if not status.failsafe:
+            self._failsafe_since_s = None
+        elif self._failsafe_since_s is None:
+            self._failsafe_since_s = now_s
+        elif now_s - self._failsafe_since_s > FAILSAFE_HOLD_S:
+            self.stop(now_s, FlightReason.FAILSAFE)
         obstacle = flight_obstacle(status, now_s)
         return self.stop(now_s, obstacle) if obstacle is not None else self._permission
 
@@ -132,8 +143,6 @@ def flight_obstacle(status: FlightStatus, now_s: float) -> FlightReason | None:
         return FlightReason.NO_HEARTBEAT
     if not status.accepts_setpoints:
         return FlightReason.OTHER_MODE
-    if status.failsafe:
-        return FlightReason.FAILSAFE
     if not status.armed:
         return FlightReason.NOT_ARMED
     if not (status.airborne and is_fresh(status.t_landed_state_s, now_s, MAX_LANDED_STATE_AGE_S)):
@@ -156,6 +165,8 @@ def _hold_reason(
     command: VelocityCommand | None, t_picture_s: float, status: FlightStatus, now_s: float
 ) -> CommandReason | None:
     """Why zeros are sent instead of the command, or None."""
+    if status.failsafe:
+        return CommandReason.HOLD_FAILSAFE
     if _is_holding(status, now_s):
         return CommandReason.HOLD_NO_TELEMETRY
     if command is None:

@@ -15,9 +15,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tracker.agreement import TIME_EPS_S, AgreeingRun
 from tracker.box import Box
 from tracker.collapse import SizeMemory
-from tracker.filter import TIME_EPS_S, AgreeingRun, BoxFilter, FilterConfig, UpdateReason, check_range, usable_box
+from tracker.filter import BoxFilter, FilterConfig, UpdateReason, check_range, usable_box
 from tracker.messages import Array, Candidate, SearchHint, TargetReason, TargetState, TargetStatus
 
 MAX_COAST_S = 5.0  # what the design allows a prediction to be reported as such

@@ -33,7 +33,6 @@ BROKEN = [
     ({"airborne": False}, FlightReason.NOT_AIRBORNE),
     ({"t_landed_state_s": NOW_S - 2.1}, FlightReason.NOT_AIRBORNE),
     ({"t_landed_state_s": math.nan}, FlightReason.NOT_AIRBORNE),
-    ({"failsafe": True}, FlightReason.FAILSAFE),
     ({"t_timesync_s": NOW_S - 5.1}, FlightReason.LINK_LATE),
     ({"t_timesync_s": -math.inf}, FlightReason.LINK_LATE),
 ]
@@ -130,11 +129,27 @@ def test_zeros_come_before_silence(change):
     assert supervisor.passed(moving(), NOW_S, GOOD, NOW_S) == moving(), "it was only late"
 
 
-@pytest.mark.parametrize("change", [*AGEING, {"position_good": False}])
+@pytest.mark.parametrize("change", [*AGEING, {"position_good": False}, {"failsafe": True}])
 def test_a_start_asks_for_more_than_going_on(change):
     status = dataclasses.replace(GOOD, **change)
     assert not FlightSupervisor().engage(status, NOW_S).allowed
     assert engaged().step(status, NOW_S).allowed
+
+
+def test_a_failsafe_is_zeros_and_then_the_end():
+    """One that leaves the mode as it is would else leave the vehicle flying on for 3 s."""
+    supervisor = engaged()
+    for k in range(21):
+        now_s = NOW_S + k / 10
+        status = dataclasses.replace(
+            GOOD, t_heartbeat_s=now_s, t_landed_state_s=now_s, t_timesync_s=now_s, failsafe=True
+        )
+        passed = supervisor.passed(moving(now_s), now_s, status, now_s)
+        if k <= 10:
+            assert passed == VelocityCommand((0.0, 0.0, 0.0), 0.0, now_s, CommandReason.HOLD_FAILSAFE)
+        elif k > 11:
+            assert passed is None
+    assert supervisor.permission.reason is FlightReason.FAILSAFE
 
 
 def test_a_long_hold_ends_it_and_a_short_one_does_not():

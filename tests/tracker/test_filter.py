@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tracker.agreement import AgreeingRun
 from tracker.box import Box
 from tracker.filter import (
     CAP_GROWTH_S,
@@ -20,7 +21,6 @@ from tracker.filter import (
     START_LN_SIZE,
     START_POS_SIZES,
     START_VEL_SIZES_S,
-    AgreeingRun,
     BoxFilter,
     FilterConfig,
     PredictReason,

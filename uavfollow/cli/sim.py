@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import os
 import sys
@@ -78,6 +77,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace, name: str) -> SimOptions:
+    from uavfollow.record.output import free_folder
     from uavfollow.sim.session import SimOptions
 
     return SimOptions(
@@ -86,17 +86,10 @@ def _options(arguments: argparse.Namespace, name: str) -> SimOptions:
         precision=arguments.precision,
         device=arguments.device,
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
-        out=arguments.out or default_out(f"sim-{name}-{arguments.seed}"),
+        out=arguments.out or free_folder(f"sim-{name}-{arguments.seed}", "run.json"),
         video=not arguments.no_video,
         realtime=arguments.realtime,
     )
-
-
-def default_out(name: str) -> Path:
-    """runs/NAME, with a number when a run lies there already: a run is never written over without being asked."""
-    first = Path("runs") / name
-    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
-    return next(p for p in itertools.chain([first], numbered) if not (p / "run.json").exists())
 
 
 def _show(result: SimResult, as_json: bool) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import math
 import os
 from pathlib import Path
@@ -85,13 +84,6 @@ def parse_tlog(text: str) -> Path:
     return path
 
 
-def default_out(name: str) -> Path:
-    """runs/track-NAME, with a number when a run lies there already: a second source may have the same name."""
-    first = Path("runs") / f"track-{name}"
-    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
-    return next(p for p in itertools.chain([first], numbered) if not (p / "report.html").exists())
-
-
 def _check_places(arguments: argparse.Namespace, out: Path) -> None:
     """Nothing that is read may be written over, and no output may become a picture of the source."""
     from uavfollow.record.output import RUN_FILES
@@ -119,6 +111,7 @@ def _check_numbers(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     _check_numbers(arguments)
     tlog = parse_tlog(arguments.gimbal_mavlink) if arguments.gimbal_mavlink is not None else None
+    from uavfollow.record.output import free_folder
     from uavfollow.record.truth import check_length, read_truth
     from uavfollow.video.source import open_source
 
@@ -128,7 +121,7 @@ def _run(arguments: argparse.Namespace) -> int:
         check_length(arguments.truth, truth, source.count)
     if truth is not None and source.count is None:
         raise InputError("--truth goes with recorded material, not with a camera")
-    out = arguments.out or default_out(source.name)
+    out = arguments.out or free_folder(f"track-{source.name}", "report.html")
     _check_places(arguments, out)
     box = _initial_box(arguments, truth, source, out)
     from uavfollow.track_run import run_track

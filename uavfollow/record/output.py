@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import tempfile
 from collections.abc import Iterable
@@ -14,6 +15,13 @@ RUN_FILES = (
     "track.csv", "commands.csv", "overlay.mp4", "setpoints.tlog", "report.html", "summary.json", "snapshots.jpg",
     "centre_error.png", "commands.png",
 )  # fmt: skip
+
+
+def free_folder(name: str, marker: str) -> Path:
+    """runs/NAME, numbered when a run lies there already (its file `marker` does): none is written over unasked."""
+    first = Path("runs") / name
+    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
+    return next(p for p in itertools.chain([first], numbered) if not (p / marker).exists())
 
 
 class OutputFolder:
