@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 from sitl.metrics.names import METRIC_NAMES, NEVER_GATED
 from sitl.scenario.build import world_spec
-from sitl.scenario.errors import ScenarioError, suggestion
+from sitl.scenario.errors import ScenarioError
 from sitl.scenario.events import ClickEvent
 from sitl.scenario.schema import Scenario
 from sitl.scenario.things import BuildingSection, CarSection, Mover
 from sitl.scene import Vector
 from sitl.world.checks import WorldError, check_world
+from tracker.config.errors import suggestion
 
 # Beside a wall or above a roof a vehicle needs this much air.
 VEHICLE_M = 1.0

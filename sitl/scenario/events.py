@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag
 
-from sitl.scenario.fields import Bounds, Seconds, Section
+from sitl.scenario.fields import Seconds
 from sitl.scenario.things import kind_tag
+from tracker.config.fields import Bounds, Section
 
 BUILT_KINDS = ("click", "follow", "stop", "mode", "black", "freeze")
 

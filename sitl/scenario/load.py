@@ -9,10 +9,11 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sitl.scenario.check import check_scenario
-from sitl.scenario.errors import ScenarioError, suggestion
-from sitl.scenario.problems import problems_of
+from sitl.scenario.errors import ScenarioError
 from sitl.scenario.schema import Scenario
-from sitl.scenario.yaml_reader import KeyPath, read_yaml
+from tracker.config.errors import suggestion
+from tracker.config.problems import problems_of
+from tracker.config.strict_yaml import KeyPath, read_yaml
 
 _SUFFIXES = (".yaml", ".yml")
 
@@ -35,7 +36,7 @@ def load_scenario(path_or_name: str | Path) -> Scenario:
 
 def parse_scenario(text: str, where: str) -> Scenario:
     """The scenario in `text`, checked as a whole; `where` names it in errors. Raises ScenarioError."""
-    data, lines = read_yaml(text, where)
+    data, lines = read_yaml(text, where, ScenarioError)
     return from_mapping(data, where, lines)
 
 
@@ -44,7 +45,7 @@ def from_mapping(data: object, where: str, lines: Mapping[KeyPath, int] | None =
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(where, problems_of(error, lines)) from error
+        raise ScenarioError(where, problems_of(error, Scenario, lines)) from error
     check_scenario(scenario, where)
     return scenario
 

@@ -11,10 +11,11 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sitl.metrics.criteria import Source
-from sitl.scenario.errors import suggestion
 from sitl.scenario.events import BUILT_KINDS, Event, FaultSection, OtherEvent
-from sitl.scenario.fields import Angle, Bounds, Coordinate, Milliseconds, Section
+from sitl.scenario.fields import Angle, Coordinate, Milliseconds
 from sitl.scenario.things import Mover, OccludersSection, WorldSection
+from tracker.config.errors import suggestion
+from tracker.config.fields import Bounds, Section
 
 BUILT_GUIDANCE = ("trail",)
 

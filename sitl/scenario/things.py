@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from sitl.scenario.fields import Angle, Bounds, Colour, Coordinate, Extent, Point, Seconds, Section
+from sitl.scenario.fields import Angle, Colour, Coordinate, Extent, Point, Seconds
 from sitl.world.spec import CarBody
+from tracker.config.fields import Bounds, Section
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,39}$")]
 

@@ -11,9 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from sitl.scenario.errors import ScenarioError
 from sitl.scenario.load import from_mapping
-from sitl.scenario.problems import _sections
 from sitl.scenario.schema import LimitsSection, Scenario
 from tests.sitl.scenario.samples import right, spoiled
+from tracker.config.problems import _sections
 
 
 def problems(data: object) -> tuple[str, ...]:

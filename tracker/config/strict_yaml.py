@@ -6,11 +6,11 @@ import re
 
 import yaml
 
-from sitl.scenario.errors import ScenarioError
+from tracker.config.errors import ConfigError
 
 KeyPath = tuple[str | int, ...]
 
-# Files are written by hand: one beyond this was not meant as a scenario.
+# Files are written by hand: one beyond this was not meant as such a file.
 MAX_CHARACTERS = 1_000_000
 
 
@@ -42,31 +42,31 @@ def _decimal(loader: _Loader, node: yaml.ScalarNode) -> int | float:
 _Loader.add_constructor("tag:yaml.org,2002:int", _decimal)
 
 
-def read_yaml(text: str, where: str) -> tuple[object, dict[KeyPath, int]]:
+def read_yaml(text: str, where: str, error: type[ConfigError] = ConfigError) -> tuple[object, dict[KeyPath, int]]:
     """The data of one YAML document, and the line (from 1) of each key path in it.
 
-    Raises ScenarioError with the line for a syntax error, a key that stands twice or is no text, and for aliases.
+    Raises `error` with the line for a syntax error, a key that stands twice or is no text, and for aliases.
     """
     if len(text) > MAX_CHARACTERS:
-        raise ScenarioError(where, [f"{len(text)} characters: more than {MAX_CHARACTERS}, not a scenario"])
+        raise error(where, [f"{len(text)} characters: more than {MAX_CHARACTERS}, not a file of settings"])
     lines: dict[KeyPath, int] = {}
     try:
         loader = _Loader(text)
         node = loader.get_single_node()
         if node is None:
-            raise ScenarioError(where, ["the file is empty"])
+            raise error(where, ["the file is empty"])
         problems: list[str] = []
         _walk(node, (), lines, problems, set())
         if problems:
-            raise ScenarioError(where, problems)
+            raise error(where, problems)
         return loader.construct_document(node), lines
-    except yaml.MarkedYAMLError as error:
-        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise ScenarioError(where, [f"{line}not valid YAML: {error.problem}"]) from error
-    except yaml.YAMLError as error:  # characters that no YAML holds
-        raise ScenarioError(where, [f"not valid YAML: {str(error).splitlines()[0]}"]) from error
-    except RecursionError as error:
-        raise ScenarioError(where, ["not valid YAML: nested too deeply"]) from error
+    except yaml.MarkedYAMLError as fault:
+        line = f"line {fault.problem_mark.line + 1}: " if fault.problem_mark else ""
+        raise error(where, [f"{line}not valid YAML: {fault.problem}"]) from fault
+    except yaml.YAMLError as fault:  # characters that no YAML holds
+        raise error(where, [f"not valid YAML: {str(fault).splitlines()[0]}"]) from fault
+    except RecursionError as fault:
+        raise error(where, ["not valid YAML: nested too deeply"]) from fault
 
 
 def _walk(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], problems: list[str], seen: set[int]) -> None:
@@ -74,7 +74,7 @@ def _walk(node: yaml.Node, path: KeyPath, lines: dict[KeyPath, int], problems: l
     line = node.start_mark.line + 1
     lines.setdefault(path, line)
     if id(node) in seen:
-        problems.append(f"line {line}: aliases (*name) are not used in scenarios; write the value out")
+        problems.append(f"line {line}: aliases (*name) are not used here; write the value out")
         return
     seen.add(id(node))
     if isinstance(node, yaml.SequenceNode):

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sitl.scenario.errors import ScenarioError
-from sitl.scenario.yaml_reader import MAX_CHARACTERS, dotted, read_yaml
+from tracker.config.errors import ConfigError
+from tracker.config.strict_yaml import MAX_CHARACTERS, dotted, read_yaml
 
 
 def value_of(text: str) -> object:
@@ -75,7 +75,7 @@ def test_every_float_that_python_writes_comes_back(number: float) -> None:
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(text: str, expected: str) -> None:
-    with pytest.raises(ScenarioError) as caught:
+    with pytest.raises(ConfigError) as caught:
         read_yaml(text, "some.yaml")
     assert expected in str(caught.value)
     assert str(caught.value).startswith("some.yaml: ")
@@ -100,7 +100,7 @@ def test_any_text_gives_data_or_one_clear_error(text: str) -> None:
     told = "file: "
     try:
         read_yaml(text, "file")
-    except ScenarioError as error:
+    except ConfigError as error:
         told = str(error)
     assert told.startswith("file: ")
     assert "\n" not in told

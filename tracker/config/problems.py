@@ -7,21 +7,20 @@ from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import BaseModel, Tag, ValidationError
 
-from sitl.scenario.errors import suggestion
-from sitl.scenario.schema import Scenario
-from sitl.scenario.yaml_reader import KeyPath, dotted
+from tracker.config.errors import suggestion
+from tracker.config.strict_yaml import KeyPath, dotted
 
 _Location = tuple[int | str, ...]
 
 
-def problems_of(error: ValidationError, lines: Mapping[KeyPath, int] | None = None) -> list[str]:
-    """One line for each finding, in the order of the file; unknown keys come with the most similar known one."""
+def problems_of(error: ValidationError, root: type[BaseModel], lines: Mapping[KeyPath, int] | None = None) -> list[str]:
+    """One line for each finding of reading a `root`, in the order of the file, the likeliest key named."""
     found: list[tuple[int, str]] = []
     for item in error.errors(include_url=False):
         path = tuple(part for part in item["loc"] if not _is_tag(part))
         line = _line(path, lines or {})
         where = f"line {line}: " if line else ""
-        found.append((line, f"{where}{dotted(path) or 'scenario'}: {_said(dict(item), path)}"))
+        found.append((line, f"{where}{dotted(path) or root.__name__.lower()}: {_said(dict(item), path, root)}"))
     return [text for _, text in sorted(found, key=lambda entry: entry[0])]
 
 
@@ -37,10 +36,10 @@ def _line(path: KeyPath, lines: Mapping[KeyPath, int]) -> int:
     return 0
 
 
-def _said(item: dict[str, Any], path: KeyPath) -> str:
+def _said(item: dict[str, Any], path: KeyPath, root: type[BaseModel]) -> str:
     kind, given, context = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
-        known = sorted(_keys_at(item["loc"][:-1]))
+        known = sorted(_keys_at(root, item["loc"][:-1]))
         return f"unknown key{suggestion(path[-1], known) or '; known are ' + ', '.join(known)}"
     if kind == "missing":
         return "missing; it must be given"
@@ -66,9 +65,9 @@ def _short(given: object) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def _keys_at(location: _Location) -> set[str]:
+def _keys_at(root: type[BaseModel], location: _Location) -> set[str]:
     """Every key that the section at `location` (with tags) may have."""
-    places: list[Any] = [Scenario]
+    places: list[Any] = [root]
     for part in location:
         if isinstance(part, int):
             continue
