@@ -61,6 +61,7 @@ class SourceBase(Section):
     max_aspect: Annotated[float, Bounds(1.0, 100.0)] = 6.0
     max_area_share: Share = 0.7
     stride: Annotated[int, Bounds(1, 10_000, whole=True)] = 1
+    only: tuple[str, ...] = ()  # sequences by name; all when empty
     exclude: tuple[str, ...] = ()
 
 
