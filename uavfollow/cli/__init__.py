@@ -7,7 +7,7 @@ import difflib
 from typing import NoReturn
 
 import uavfollow
-from uavfollow.cli import sim, sitl, track, weights
+from uavfollow.cli import bench, sim, sitl, track, train, weights
 from uavfollow.errors import InputError
 
 DESCRIPTION = "MAVLink visual servoing: follow a target in the picture, steer gimbal and vehicle."
@@ -23,8 +23,10 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{message} (see `{self.prog} --help`)")
 
     def known_options(self) -> list[str]:
-        """Long options of this parser."""
-        return [o for action in self._actions for o in action.option_strings if o.startswith("--")]
+        """Long options of this parser and of its own commands."""
+        own = [o for action in self._actions for o in action.option_strings if o.startswith("--")]
+        below = [a.choices.values() for a in self._actions if isinstance(a, argparse._SubParsersAction)]
+        return own + [o for parsers in below for parser in parsers for o in parser.known_options()]
 
 
 def build_parser() -> tuple[Parser, dict[str, Parser]]:
@@ -32,7 +34,7 @@ def build_parser() -> tuple[Parser, dict[str, Parser]]:
     parser = Parser(prog="uavfollow", description=DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"uavfollow {uavfollow.__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    made = {module.NAME: module.add_parser(commands) for module in (sim, sitl, track, weights)}
+    made = {module.NAME: module.add_parser(commands) for module in (sim, sitl, track, train, weights, bench)}
     return parser, made
 
 

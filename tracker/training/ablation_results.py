@@ -1,0 +1,84 @@
+"""What an ablation found, and what the paper published."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from tracker.training.recipe import Variant
+from tracker.training.validate import SequenceScore
+
+# Precision at 20 px on UAV20L, from the paper's component study (SiamAPN++, section IV).
+PAPER_P20 = {Variant.SIAMAPN: 0.721, Variant.APN_DF: 0.727, Variant.SELF_AAN: 0.730, Variant.AAN: 0.736}
+PAPER_BEST_W1 = 1.2
+TITLES = {
+    Variant.SIAMAPN: "baseline (SiamAPN)",
+    Variant.APN_DF: "+ APN-DF",
+    Variant.SELF_AAN: "+ APN-DF + self-AAN",
+    Variant.AAN: "+ APN-DF + AAN (SiamAPN++)",
+}
+NOT_A_REPRODUCTION = (
+    "No reproduction of the paper: its numbers (published) are the precision on UAV20L of networks that were trained "
+    "on some 15 million pairs of other data. Compare differences within a column, never across columns."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class VariantResult:
+    """A variant after its training: cost, size, raw-tracker scores (means over sequences, and each)."""
+
+    variant: Variant
+    pairs: int
+    pairs_per_s: float | None
+    parameters: int
+    auc: float
+    p20: float
+    sequences: tuple[SequenceScore, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """With the variant's name and the paper's number beside it."""
+        return {**asdict(self), "variant": self.variant.value, "paper_p20_uav20l": PAPER_P20[self.variant]}
+
+    @classmethod
+    def from_json(cls, variant: Variant, told: dict[str, Any]) -> VariantResult:
+        """Back from `as_json`. Raises KeyError or TypeError for anything else."""
+        sequences = tuple(SequenceScore(**row) for row in told["sequences"])
+        return cls(variant, told["pairs"], told["pairs_per_s"], told["parameters"], told["auc"], told["p20"], sequences)
+
+
+@dataclass(frozen=True, slots=True)
+class SweepPoint:
+    """Mean scores with w1 at `w1`."""
+
+    w1: float
+    auc: float
+    p20: float
+
+    def as_json(self) -> dict[str, float]:
+        """Plain numbers."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """All variants, in the paper's order, and the sweep (empty when there was none)."""
+
+    recipe: str
+    size: str
+    footage: tuple[str, ...]
+    max_frames: int | None
+    variants: tuple[VariantResult, ...]
+    sweep: tuple[SweepPoint, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """For ablation.json."""
+        return {
+            "recipe": self.recipe,
+            "size": self.size,
+            "footage": list(self.footage),
+            "max_frames": self.max_frames,
+            "note": NOT_A_REPRODUCTION,
+            "variants": [result.as_json() for result in self.variants],
+            "w1_sweep": [point.as_json() for point in self.sweep],
+            "paper_best_w1": PAPER_BEST_W1,
+        }

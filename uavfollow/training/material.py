@@ -1,0 +1,57 @@
+"""The data of a recipe, opened: pairs come from the mix, sequences to validate on beside it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tracker.training.recipe import Folders, Recipe
+from tracker.training.sources import open_footage, open_mix, reserved_names
+from tracker.training.sources.mix import Mix
+from tracker.training.types import Footage
+from uavfollow.errors import InputError
+
+
+def injected() -> Mapping[str, Callable[[Any], Any]]:
+    """Sources that the training package does not know: it must not import the simulator."""
+    from uavfollow.sim.pictures import SimulatorPictures  # draws; only recipes that name it need it
+
+    return {"simulator": SimulatorPictures}
+
+
+def open_sources(recipe: Recipe, root: Path) -> Mix:
+    """All sources, without the sequences of the validation. Raises TrainingError."""
+    return open_mix(recipe.sources, root, injected(), reserved_names(recipe.validation, root))
+
+
+def open_validation(recipe: Recipe, root: Path) -> list[Footage]:
+    """The sequences of the recipe's validation, in its order. Raises TrainingError."""
+    return [item for spec in recipe.validation.sources for item in open_footage(spec, root, injected())]
+
+
+def footage_of_folders(folders: Iterable[Path]) -> list[Footage]:
+    """Sequences named one by one: each a folder with pictures and truth. Raises InputError, TrainingError."""
+    found: list[Footage] = []
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; a sequence is a folder with img/ and groundtruth_rect.txt")
+        place = folder.resolve()
+        found += open_footage(
+            Folders(kind="folders", path=str(place.parent), only=(place.name,)), place.parent, injected()
+        )
+    return found
+
+
+def tell_sources(mix: Mix) -> None:
+    """One line per source on standard error: targets, share, what could not be used."""
+    if sys.stderr is None:
+        return
+    for source, share in zip(mix.sources, mix.shares, strict=True):
+        frames = sum(len(track.frames) for track in source.tracks)
+        print(
+            f"{source.name}: {len(source.tracks)} targets in {frames} views, {share:.1%} of the pairs", file=sys.stderr
+        )
+        for line in source.skipped.lines():
+            print(f"  left out: {line}", file=sys.stderr)
