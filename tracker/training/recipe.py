@@ -154,6 +154,13 @@ class Pairing(Section):
     distractor: Share = 0.02
     patch: Share = 0.08
 
+    @model_validator(mode="after")
+    def _shares_fit(self) -> Pairing:
+        total = self.negative + self.distractor + self.patch
+        if total > 1:
+            raise ValueError(f"negative, distractor and patch add up to {total:g}; they are shares of all pairs")
+        return self
+
 
 class Augmentation(Section):
     """How often each effect is applied (share of crops) and its range. Exemplar and search are drawn independently."""
@@ -305,4 +312,16 @@ class Recipe(Section):
             raise ValueError("a recipe needs at least one source and one stage")
         if self.start.widen and self.size != "full":
             raise ValueError("start.widen makes a network of size full; set size: full")
+        trained, kept = _simulator_seeds(self.sources), _simulator_seeds(self.validation.sources)
+        if trained & kept:
+            raise ValueError(
+                f"the simulator's worlds {sorted(trained & kept)} are both trained and validated on; "
+                "a source has the worlds seed to seed + sequences - 1: choose another seed for one of them"
+            )
         return self
+
+
+def _simulator_seeds(sources: tuple[AnySource, ...]) -> set[int]:
+    """The worlds that the simulator draws for these sources."""
+    drawn = [source for source in sources if isinstance(source, Simulator)]
+    return {seed for source in drawn for seed in range(source.seed, source.seed + source.sequences)}
