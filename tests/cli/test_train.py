@@ -131,6 +131,22 @@ def test_train_from_a_pack(train, cli, data: Path) -> None:
     assert "--resident keeps packed crops on the device; give --packed DIR" in refused.err
 
 
+def test_validate(cli, data: Path) -> None:
+    result = cli("train", "validate", "s", data / "val/b", "--starts", 2, "--max-frames", 3, "--threads", 1)
+    assert result.code == 0, result.err
+    head, row, mean = result.out.splitlines()
+    assert head == "model s, raw tracker, at most 3 frames from each of 2 starts"
+    assert row.startswith("b          6 frames  AUC 0.")
+    assert mean.startswith("mean       6 frames  AUC 0.")
+    by_recipe = cli("train", "validate", "s", "--recipe", data / "tiny.yaml", "--data", data, "--json")
+    told = json.loads(by_recipe.out)
+    assert (told["starts"], told["max_frames"], told["sequences"]["b"]["frames"]) == (1, 3, 3)
+    assert 0.3 < told["mean"]["auc"] <= 20 / 21
+    refused = cli("train", "validate", "s")
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
+    assert "give sequence folders, or --recipe RECIPE --data DIR" in refused.err
+
+
 def test_preview(cli, data: Path, tmp_path: Path) -> None:
     sheet = tmp_path / "sheet.png"
     result = cli("train", "preview", data / "tiny.yaml", "--data", data, "--out", sheet, "--seed", 3)

@@ -1,4 +1,4 @@
-"""The smoke recipe, shortened: training on the simulator's pictures learns, resumes to the bit, and its result tracks."""
+"""The smoke recipe, shortened: training on drawn pictures learns, resumes to the bit, and its result tracks."""
 
 from __future__ import annotations
 

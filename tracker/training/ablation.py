@@ -23,7 +23,7 @@ from tracker.training.ablation_results import Ablation, SweepPoint, VariantResul
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Recipe, Stage, Start, Variant
 from tracker.training.types import Footage
-from tracker.training.validate import SETTINGS, SequenceScore, mean_score, validate
+from tracker.training.validate import SETTINGS, SequenceScore, Tracks, mean_score, validate
 
 __all__ = ["W1_VALUES", "Ablation", "SweepPoint", "TrainedVariant", "VariantResult", "run_ablation", "sweep_w1"]
 
@@ -41,6 +41,8 @@ class TrainedVariant:
 
 
 Train = Callable[[Recipe, Path], TrainedVariant | None]
+
+WHOLE = Tracks()
 
 
 def run_ablation(
@@ -60,7 +62,7 @@ def run_ablation(
     """Train and score each variant, sweep w1, write ablation.json, ablation.md and ablation.png; None when stopped.
 
     `train(recipe, folder)` trains a whole recipe (that of `variant_recipe`) with checkpoints in a folder of its own and
-    gives None when it was stopped. `footage` is what is tracked, at most `recipe.validation.max_frames` of each.
+    gives None when it was stopped. `footage` is what is tracked, as the recipe's validation says.
     w1 is swept on `sweep_network`, else on the `aan` variant; with no `w1_values` not at all. What is complete in
     `folder` is not done again. Raises TrainingError without footage or variants, for results of another recipe in
     `folder`, and when the variants' numbers of pairs differ.
@@ -68,7 +70,7 @@ def run_ablation(
     if not footage or not variants:
         raise TrainingError("an ablation needs variants, and sequences to track: name some in the recipe's validation")
     key = _key(recipe, pairs, settings, footage)
-    max_frames = recipe.validation.max_frames
+    tracks = Tracks.of(recipe.validation)
     results: list[VariantResult] = []
     for variant in (v for v in Variant if v in variants):
         own = folder / "variants" / variant.value
@@ -76,7 +78,7 @@ def run_ablation(
         if result is None:
             report(f"{variant.value}: training {pairs} pairs")
             trained = train(variant_recipe(recipe, variant, pairs), own)
-            result = None if trained is None else _judge(variant, trained, footage, settings, max_frames, should_stop)
+            result = None if trained is None else _judge(variant, trained, footage, settings, tracks, should_stop)
             if trained is None or result is None:
                 return None
             _store(own, result, key, trained.network)
@@ -87,7 +89,7 @@ def run_ablation(
     if sweep is None:
         return None
     names = tuple(item.name for item in footage)
-    ablation = Ablation(recipe.name, recipe.size, names, max_frames, tuple(results), sweep)
+    ablation = Ablation(recipe.name, recipe.size, names, tracks, tuple(results), sweep)
     write_report(ablation, folder)
     return ablation
 
@@ -123,14 +125,14 @@ def sweep_w1(
     footage: Sequence[Footage],
     settings: TrackerSettings,
     values: Sequence[float] = W1_VALUES,
-    max_frames: int | None = None,
+    tracks: Tracks = WHOLE,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> tuple[SweepPoint, ...] | None:
     """Scores of the raw tracker for each weight of the first classification map (inference only); None when stopped."""
     points = []
     for value in values:
         _, w2, w3 = settings.class_weights
-        scores = validate(network, footage, replace(settings, class_weights=(value, w2, w3)), max_frames, should_stop)
+        scores = validate(network, footage, replace(settings, class_weights=(value, w2, w3)), tracks, should_stop)
         mean = None if scores is None else _mean(scores)
         if mean is None:
             return None
@@ -150,10 +152,10 @@ def _judge(
     trained: TrainedVariant,
     footage: Sequence[Footage],
     settings: TrackerSettings,
-    max_frames: int | None,
+    tracks: Tracks,
     should_stop: Callable[[], bool],
 ) -> VariantResult | None:
-    scores = validate(trained.network, footage, settings, max_frames, should_stop)
+    scores = validate(trained.network, footage, settings, tracks, should_stop)
     if scores is None:
         return None
     auc, p20 = _mean(scores)
@@ -191,7 +193,7 @@ def _sweep(
     if network is None:
         network = SiamAPNpp(SIZES[recipe.size])
         network.load_state_dict(load_file(trained))
-    points = sweep_w1(network, footage, settings, values, recipe.validation.max_frames, should_stop)
+    points = sweep_w1(network, footage, settings, values, Tracks.of(recipe.validation), should_stop)
     if points is not None:
         _write(stored, {"key": key, "points": [point.as_json() for point in points]})
     return points

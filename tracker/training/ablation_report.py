@@ -36,11 +36,11 @@ def write_report(ablation: Ablation, folder: Path) -> tuple[Path, ...]:
 
 def as_markdown(ablation: Ablation) -> list[str]:
     """The tables, line by line."""
-    frames = "all frames" if ablation.max_frames is None else f"at most {ablation.max_frames} frames each"
     lines = [
         f"# Ablation: recipe {ablation.recipe}, size {ablation.size}",
         "",
-        f"Raw tracker on {len(ablation.footage)} validation sequences ({frames}): {', '.join(ablation.footage)}.",
+        f"Raw tracker on {len(ablation.footage)} validation sequences ({ablation.tracks.words()}): "
+        f"{', '.join(ablation.footage)}.",
         "",
         NOT_A_REPRODUCTION,
         "",

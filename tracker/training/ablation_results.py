@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tracker.training.recipe import Variant
-from tracker.training.validate import SequenceScore
+from tracker.training.validate import SequenceScore, Tracks
 
 # Precision at 20 px on UAV20L, from the paper's component study (SiamAPN++, section IV).
 PAPER_P20 = {Variant.SIAMAPN: 0.721, Variant.APN_DF: 0.727, Variant.SELF_AAN: 0.730, Variant.AAN: 0.736}
@@ -66,7 +66,7 @@ class Ablation:
     recipe: str
     size: str
     footage: tuple[str, ...]
-    max_frames: int | None
+    tracks: Tracks
     variants: tuple[VariantResult, ...]
     sweep: tuple[SweepPoint, ...]
 
@@ -76,7 +76,8 @@ class Ablation:
             "recipe": self.recipe,
             "size": self.size,
             "footage": list(self.footage),
-            "max_frames": self.max_frames,
+            "starts": self.tracks.starts,
+            "max_frames": self.tracks.max_frames,
             "note": NOT_A_REPRODUCTION,
             "variants": [result.as_json() for result in self.variants],
             "w1_sweep": [point.as_json() for point in self.sweep],

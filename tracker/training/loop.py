@@ -37,7 +37,7 @@ from tracker.training.schedule import rate_at
 from tracker.training.step import Learner, Step
 from tracker.training.teacher import Teacher
 from tracker.training.types import Batch, Batches, Footage
-from tracker.training.validate import SETTINGS, Validated, evaluation_copy, validate
+from tracker.training.validate import SETTINGS, Tracks, Validated, evaluation_copy, validate
 
 MAX_SKIPPED_IN_A_ROW = 50  # so many bad batches are no accident: the weights or the data are ruined
 
@@ -231,8 +231,8 @@ class Trainer:
         if self._world.leads:
             session.reporter.say("validating")
             network = evaluation_copy(self._learner.network, self._learner.average.tensors())
-            limit = self._recipe.validation.max_frames
-            scores = validate(network, self._footage, SETTINGS, limit, session.should_stop)
+            tracks = Tracks.of(self._recipe.validation)
+            scores = validate(network, self._footage, SETTINGS, tracks, session.should_stop)
             torch.set_flush_denormal(True)  # the engine ends with it off
             self._tick(session)
             if scores is not None:

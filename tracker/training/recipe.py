@@ -277,10 +277,15 @@ class Stage(Section):
 
 
 class Validation(Section):
-    """The raw tracker over whole sequences, never trained on: frames of the same names are left out of all sources."""
+    """The raw tracker over sequences that are never trained on: those of the same names are left out of all sources.
+
+    Each is tracked `starts` times, from frames spread over it, at most `max_frames` each: one lost target in a dozen
+    sequences moves the mean by more than a night of training does, so several starts tell more.
+    """
 
     sources: tuple[AnySource, ...] = ()
     every_pairs: Count = 20_000
+    starts: Annotated[int, Bounds(1, 1000, whole=True)] = 1
     max_frames: Annotated[int, Bounds(2, 1_000_000, whole=True)] | None = None
 
 

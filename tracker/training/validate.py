@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from torch import Tensor, nn
@@ -17,11 +17,35 @@ from tracker.siamapnpp.network import SiamAPNpp
 from tracker.siamapnpp.settings import CentreTerm, TrackerSettings
 from tracker.siamapnpp.tracker import SiamAPNTracker, check_box
 from tracker.training.errors import TrainingError
+from tracker.training.recipe import Validation
 from tracker.training.types import Footage
 
 SETTINGS = TrackerSettings(centre_term=CentreTerm.SIGMOID)  # as the embedded cards ask for
 EDGE_PX = 1e-6  # a box cut exactly at the border may lie beyond it after rounding
 FRAMES_PER_S = 30.0  # stamps only: the raw tracker does not look at them
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """How each sequence is tracked: `starts` times, from frames spread evenly over it, at most `max_frames` each."""
+
+    starts: int = 1
+    max_frames: int | None = None
+
+    @classmethod
+    def of(cls, validation: Validation) -> Tracks:
+        """As a recipe says."""
+        return cls(validation.starts, validation.max_frames)
+
+    def stretches(self, length: int) -> list[range]:
+        """The frames of each track over a sequence of so many."""
+        begins = sorted({k * length // self.starts for k in range(self.starts)})
+        return [range(begin, min(length, begin + (self.max_frames or length))) for begin in begins]
+
+    def words(self) -> str:
+        """For reports."""
+        frames = "all frames" if self.max_frames is None else f"at most {self.max_frames} frames"
+        return f"{frames} from each of {self.starts} starts" if self.starts > 1 else frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,34 +77,38 @@ def validate(
     network: nn.Module,
     footage: Sequence[Footage],
     settings: TrackerSettings,
-    max_frames: int | None,
+    tracks: Tracks,
     should_stop: Callable[[], bool],
 ) -> tuple[SequenceScore, ...] | None:
     """One score per sequence, tracked with a folded copy of `network` on its device; None when it was stopped.
 
-    The track starts at the first frame with a usable box, cut to the picture; what lies before counts for nothing. A
-    picture that cannot be read is a frame without a box.
+    With several starts a sequence's scores are the means of its tracks. A track starts at the first frame with a usable
+    box, cut to the picture; what lies before counts for nothing. A picture that cannot be read is a frame without box.
     """
     device = next(network.parameters()).device.type
     # Every variant has SiamAPNpp's template and search, which is all that the engine calls.
     engine = TorchEngine(cast(SiamAPNpp, network), device=device)
     scores = []
     for item in footage:
-        boxes = follow(SiamAPNTracker(engine, settings), item, max_frames, should_stop)
-        if boxes is None:
-            return None
-        start = len(item.truth[:max_frames]) - len(boxes)
-        found = score(boxes, item.truth[start : start + len(boxes)])
-        scores.append(SequenceScore(item.name, found.frames, found.auc, found.p20))
+        parts = []
+        for frames in tracks.stretches(len(item.truth)):
+            boxes = follow(SiamAPNTracker(engine, settings), item, frames, should_stop)
+            if boxes is None:
+                return None
+            found = score(boxes, item.truth[frames.stop - len(boxes) : frames.stop])
+            parts.append(SequenceScore(item.name, found.frames, found.auc, found.p20))
+        mean = mean_score(parts)
+        scores.append(SequenceScore(item.name, 0, None, None) if mean is None else replace(mean, name=item.name))
     return tuple(scores)
 
 
 def follow(
-    tracker: SiamAPNTracker, footage: Footage, max_frames: int | None, should_stop: Callable[[], bool]
+    tracker: SiamAPNTracker, footage: Footage, frames: range, should_stop: Callable[[], bool]
 ) -> list[Box | None] | None:
     """The tracker's box in every frame from the start of the track on; empty when it cannot start, None if stopped."""
     boxes: list[Box | None] = []
-    for index, truth in enumerate(footage.truth[:max_frames]):
+    for index in frames:
+        truth = footage.truth[index]
         if should_stop():
             return None
         image = _read(footage, index)

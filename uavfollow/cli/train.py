@@ -231,6 +231,28 @@ def _diagnose(arguments: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _validate(arguments: argparse.Namespace) -> int:
+    for option, value in (("--starts", arguments.starts), ("--max-frames", arguments.max_frames)):
+        check_range(option, value, 1, 10**6)
+    check_range("--threads", arguments.threads, 1, 256)
+    if bool(arguments.sequences) == bool(arguments.recipe):
+        raise InputError("give sequence folders, or --recipe RECIPE --data DIR for the sequences of its validation")
+    from tracker.training.recipe_file import load_recipe
+    from uavfollow.training.errors import as_bad_input
+
+    with as_bad_input():
+        recipe = load_recipe(arguments.recipe) if arguments.recipe else None
+        from tracker.training.recipe import Validation
+        from uavfollow.training.judge import judged
+        from uavfollow.training.material import footage_of_folders, open_validation
+
+        footage = open_validation(recipe, arguments.data) if recipe else footage_of_folders(arguments.sequences)
+        rules = recipe.validation if recipe else Validation()
+        result = judged(arguments.model, footage, rules, arguments.starts, arguments.max_frames, arguments.threads)
+    print(json.dumps(result.as_json(), indent=1) if arguments.json else "\n".join(result.lines()))
+    return EXIT_DONE
+
+
 def _widen(arguments: argparse.Namespace) -> int:
     from uavfollow.training.errors import as_bad_input
     from uavfollow.training.tools import widened

@@ -62,6 +62,7 @@ def test_empty_optional_sections() -> None:
         ("path: videos/otb", "pth: videos/otb", "line 6: sources[0].pth: unknown key; did you mean path?"),
         ("pairs: 100", "pairs: 100\n    minutes: 3", "line 8: stages[0]: give pairs or minutes, one of them"),
         ("pairs: 100", "pairs: 100\n    search_px: 230", "stages[0]: search_px 230 must be 127 + a multiple of 8"),
+        ("stages:", "pairing: {negative: 0.8, patch: 0.3}\nstages:", "add up to 1.12; they are shares of all pairs"),
         ("pairs: 100", "pairs: 0", "line 8: stages[0].pairs: 0: must be a whole number from 1"),
         ("stages:", "augmentation: {gain: [2, 1]}\nstages:", "augmentation: gain must be a low and a high factor"),
         ("name: small", "name: Small Recipe", "line 2: name: 'Small Recipe': must match"),
@@ -185,3 +186,10 @@ def test_the_smoke_recipe_needs_no_data_and_is_short() -> None:
     assert {spec.kind for spec in (*recipe.sources, *recipe.validation.sources)} == {"simulator"}
     # Three minutes at 8 pairs/s (two AVX2 cores), less half a minute to draw and to validate.
     assert sum(stage.pairs or 0 for stage in recipe.stages) <= 150 * 8
+
+
+def test_the_simulator_does_not_train_on_the_worlds_that_are_kept_for_validation() -> None:
+    text = SMALL.replace("kind: folders\n    path: videos/otb", "{kind: simulator, seed: 1, sequences: 8}")
+    kept = "validation: {sources: [{kind: simulator, name: kept, seed: %d, sequences: 2}]}\n"
+    parse_recipe(text + kept % 9, "some.yaml")
+    assert "worlds [8] are both trained and validated on" in problems(text + kept % 8)[0]

@@ -9,14 +9,24 @@ import torch
 
 from tests.tracker.training.blobs import TINY, Pictures, after, footage, never, recipe, stage, tiny_network
 from tracker.box import Box
-from tracker.messages import Candidate, Frame
+from tracker.messages import Candidate, Frame, ImageU8
 from tracker.siamapnpp.fold import fold
 from tracker.siamapnpp.variants import make_network
 from tracker.training.budget import planned_pairs, rescale
 from tracker.training.errors import TrainingError
 from tracker.training.frozen import freeze
 from tracker.training.recipe import Stage
-from tracker.training.validate import SETTINGS, SequenceScore, Validated, evaluation_copy, follow, mean_score, validate
+from tracker.training.types import Footage
+from tracker.training.validate import (
+    SETTINGS,
+    SequenceScore,
+    Tracks,
+    Validated,
+    evaluation_copy,
+    follow,
+    mean_score,
+    validate,
+)
 
 
 class Perfect:
@@ -41,7 +51,7 @@ def test_the_track_begins_at_the_first_usable_box_cut_to_the_picture() -> None:
     partly = Box.from_corners(-20.0, 40.0, 60.0, 70.0)
     item = dataclasses.replace(item, truth=(None, outside, partly, item.truth[3]))
     tracker = Perfect()
-    boxes = follow(tracker, item, None, never)  # type: ignore[arg-type]
+    boxes = follow(tracker, item, range(len(item.truth)), never)  # type: ignore[arg-type]
     assert boxes is not None
     assert len(boxes) == 2
     assert tracker.seen == [2, 3]
@@ -51,7 +61,7 @@ def test_the_track_begins_at_the_first_usable_box_cut_to_the_picture() -> None:
 
 def test_a_picture_that_cannot_be_read_is_a_frame_without_a_box() -> None:
     tracker = Perfect()
-    boxes = follow(tracker, footage(frames=5, broken=frozenset({0, 3})), None, never)  # type: ignore[arg-type]
+    boxes = follow(tracker, footage(frames=5, broken=frozenset({0, 3})), range(5), never)  # type: ignore[arg-type]
     assert boxes is not None
     assert [b is None for b in boxes] == [False, False, True, False]
     assert tracker.seen == [1, 2, 4]
@@ -61,7 +71,7 @@ def test_scores_of_a_network_on_sequences_and_their_bound() -> None:
     items = [footage("first", 5), footage("second", 5, frozenset({2}))]
     network = tiny_network().eval()
     before = {k: v.clone() for k, v in network.state_dict().items()}
-    scores = validate(network, items, SETTINGS, 4, never)
+    scores = validate(network, items, SETTINGS, Tracks(max_frames=4), never)
     assert scores is not None
     assert [(s.name, s.frames) for s in scores] == [("first", 4), ("second", 4)]
     assert all(s.auc is not None and 0 < s.auc <= 20 / 21 for s in scores)  # the first frame's box is the truth
@@ -84,22 +94,52 @@ def test_every_variant_can_be_scored_as_it_is_trained(variant: str, frozen_layer
         wanted, got = other(*crops), fold(copied)(*crops)  # type: ignore[arg-type]
     for a, b in zip(wanted, got, strict=True):
         assert torch.allclose(a, b, atol=1e-3)
-    assert validate(copied, [footage(frames=2)], SETTINGS, None, never) is not None
+    assert validate(copied, [footage(frames=2)], SETTINGS, Tracks(), never) is not None
     assert network.training
 
 
 def test_a_missing_box_is_a_miss() -> None:
     item = footage(frames=4, broken=frozenset({1, 2, 3}))
-    scores = validate(tiny_network(), [item], SETTINGS, None, never)
+    scores = validate(tiny_network(), [item], SETTINGS, Tracks(), never)
     assert scores is not None
     assert scores[0].p20 == pytest.approx(0.25)
 
 
 def test_validation_stops_at_once_and_then_has_no_score() -> None:
     item = footage(frames=6)
-    assert validate(tiny_network(), [item], SETTINGS, None, after(2)) is None
+    assert validate(tiny_network(), [item], SETTINGS, Tracks(), after(2)) is None
     assert isinstance(item.images, Pictures)
     assert item.images.read == 2
+
+
+def test_several_starts_are_spread_over_the_sequence_and_averaged() -> None:
+    assert Tracks(3, 4).stretches(9) == [range(4), range(3, 7), range(6, 9)]
+    assert Tracks(5).stretches(3) == [range(3), range(1, 3), range(2, 3)], "no start twice"
+    item = footage(frames=4, broken=frozenset({1}))
+    scores = validate(tiny_network(), [item], SETTINGS, Tracks(starts=2, max_frames=2), never)
+    assert scores is not None
+    assert scores[0].frames == 4
+    halves = [validate(tiny_network(), [part], SETTINGS, Tracks(), never) for part in (_part(item, 0), _part(item, 2))]
+    singles = [part[0].p20 for part in halves if part is not None]
+    assert scores[0].p20 == pytest.approx(sum(p or 0.0 for p in singles) / 2)
+    assert 0.5 <= (scores[0].p20 or 0.0) <= 0.75, "of the first half the second frame is missed"
+
+
+def _part(item: Footage, first: int) -> Footage:
+    return Footage("part", item.truth[first : first + 2], _Shifted(item, first))  # type: ignore[arg-type]
+
+
+class _Shifted:
+    """Two pictures of a sequence as a sequence of its own."""
+
+    def __init__(self, item: Footage, first: int) -> None:
+        self._item, self._first = item, first
+
+    def __len__(self) -> int:
+        return 2
+
+    def __getitem__(self, index: int) -> ImageU8:
+        return self._item.images[self._first + index]
 
 
 def test_the_mean_leaves_out_what_has_no_score() -> None:
