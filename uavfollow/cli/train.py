@@ -114,6 +114,20 @@ def _add_weights(verbs: Any) -> None:
     diagnose.add_argument("--seed", type=int, default=1, help="(default: 1)")
     diagnose.add_argument("--json", action="store_true", help="the numbers as JSON")
     diagnose.set_defaults(run=_diagnose)
+    judge = verbs.add_parser(
+        "validate", help="the raw tracker over sequences: success AUC and precision of a model",
+        description="Give sequences (folders with img/ and groundtruth_rect.txt), or a recipe for its validation. "
+        "--starts and --max-frames are the recipe's unless given.",
+    )  # fmt: skip
+    judge.add_argument("model", metavar="MODEL", help="s, full or a .safetensors file")
+    judge.add_argument("sequences", metavar="SEQUENCE_DIR", type=Path, nargs="*")
+    judge.add_argument("--recipe", metavar="RECIPE", help=RECIPE_HELP)
+    judge.add_argument("--data", metavar="DIR", type=Path, default=Path(), help=DATA_HELP)
+    judge.add_argument("--starts", type=int, help="track each so many times, from frames spread over it")
+    judge.add_argument("--max-frames", type=int, help="at most so many frames from each start")
+    judge.add_argument("--threads", type=int, help="threads of the network (default: as PyTorch chooses)")
+    judge.add_argument("--json", action="store_true", help="the numbers as JSON")
+    judge.set_defaults(run=_validate)
     widen = verbs.add_parser("widen", help="from weights of size s those of size full that compute the same")
     widen.add_argument("model", metavar="S.safetensors", help="or s, the embedded one")
     widen.add_argument("--out", metavar="FULL.safetensors", type=Path, required=True)
