@@ -174,11 +174,11 @@ class Trainer:
         stop, at.stage_s, at.total_s = self._world.highest([float(session.should_stop()), at.stage_s, at.total_s])
         return stop > 0
 
-    def _tick(self, session: _Session) -> float:
+    def _tick(self, session: _Session, of_stage: bool = True) -> float:
         now = session.clock()
         passed = max(0.0, now - session.now_s)
         session.now_s = now
-        self._position.stage_s += passed
+        self._position.stage_s += passed if of_stage else 0.0
         self._position.total_s += passed
         return passed
 
@@ -234,7 +234,7 @@ class Trainer:
             tracks = Tracks.of(self._recipe.validation)
             scores = validate(network, self._footage, SETTINGS, tracks, session.should_stop)
             torch.set_flush_denormal(True)  # the engine ends with it off
-            self._tick(session)
+            self._tick(session, of_stage=False)  # a validation must not eat up the end of a stage's curve
             if scores is not None:
                 validated = Validated(self._position.pairs, self._position.total_s / 60, scores)
                 self._curves.add_validation(validated.pairs, validated.minutes, scores)

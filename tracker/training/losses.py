@@ -95,9 +95,11 @@ def _smoothed(error: Tensor, below: float) -> Tensor:
 
 
 def _anchor_term(anchor: Tensor, targets: Targets) -> Mean:
+    """Paper: the sum over the four distances. Relative rule: their mean, as the embedded weights were trained."""
+    distances = 1 if targets.rule is Labels.PAPER else anchor.shape[1]
     error = _smoothed(anchor - targets.anchor, ANCHOR_SMOOTH)
     weight = targets.anchor_weight
-    return Mean((error * weight[:, None]).sum(), anchor.shape[1] * weight.sum())
+    return Mean((error * weight[:, None]).sum(), distances * weight.sum())
 
 
 def _box_terms(loc: Tensor, targets: Targets) -> dict[str, Mean]:

@@ -1,8 +1,9 @@
 """Packing sources into crops: small files that train at full speed from any disk and travel to a machine with a GPU.
 
-What is kept of a target is the window that training crops can show of it, and never more pixels than they need: shrunk
-until the exemplar's square is 127 px, or as it is when it is smaller already. Enlarging small targets too would invent
-pixels (measured: 1.35 times the bytes of VOC2007 and 2.1 times those of aerial pictures) and blur the crop twice.
+What is kept of a target is the window that training crops can show of it, and not many more pixels than they need:
+averaged down by the whole factor that leaves the exemplar's square between 127 and 254 px, as the tracker itself does
+before it samples (`siamapnpp/crop.py`). Shrinking to 127 px exactly would blur what the tracker will see sharp
+(measured: up to half of the gradient energy lost) for two thirds of the bytes.
 """
 
 from __future__ import annotations
@@ -40,8 +41,7 @@ from tracker.training.sources.mix import Mix
 from tracker.training.types import Skipped, Source, View
 from tracker.weights.card import sha256_of
 
-CROP_PX = 511  # what a search crop of 287 px can show with a shift of 38 px and a scale of exp(-0.5), but for corners
-CROP_RANGE_PX = (287, 1023)
+CROP_RANGE_PX = (287, 1023)  # the search crop itself; twice the widest of the built-in recipes
 SHARD_BYTES = 60_000_000  # below the limits of hosts and mail gateways; one is read in a second
 HEADER_BYTES = 1000  # more than the table of contents of a shard takes
 ROW_BYTES = 35  # of a crop beside its picture
@@ -88,17 +88,19 @@ def prepare(
     mix: Mix,
     recipe: Recipe,
     out: Path,
-    crop_px: int = CROP_PX,
+    crop_px: int | None = None,
     limit_per_source: int | None = None,
     progress: Progress = lambda name, done, total: None,
     workers: int = 0,
 ) -> PackReport:
     """Pack all sources of a recipe into the new folder `out`, whole or not at all.
 
-    `crop_px`: side of the window around a target at the scale at which its exemplar's square is 127 px. `workers`
-    processes cut the crops. Raises TrainingError: `out` exists or cannot be written, a source without any crop.
+    `crop_px`: side of the window around a target at the scale at which its exemplar's square is 127 px; by default what
+    the recipe's stages can show. `workers` processes cut the crops. Raises TrainingError: `out` exists or cannot be
+    written, a source without any crop.
     """
     low, high = CROP_RANGE_PX
+    crop_px = window_px(recipe) if crop_px is None else crop_px
     if not low <= crop_px <= high:
         raise TrainingError(f"crop_px {crop_px}: must be from {low} (the search crop itself) to {high}")
     if out.exists():
@@ -129,11 +131,21 @@ def prepare(
     return PackReport(out, counts, skipped)
 
 
+def window_px(recipe: Recipe) -> int:
+    """Side of the window that search crops of the recipe can show, but for the corners of turned ones.
+
+    A smaller one shows its edge in the crops that reach beyond it, which gives the target's place away.
+    """
+    low, high = CROP_RANGE_PX
+    widest = max((s.search_px + 2 * s.jitter.shift_px) * math.exp(s.jitter.log_scale) for s in recipe.stages)
+    return min(max(math.ceil(widest), low), high)
+
+
 def cut(view: View, crop_px: int) -> Crop | str:
     """The visible part of the window around a view's target, or what is wrong with the view.
 
-    The window is `crop_px` wide at the scale at which the exemplar's square is 127 px; whole pixels of the picture, so
-    that the target stays exactly where it was.
+    The window is `crop_px` wide at the scale at which the exemplar's square is 127 px; whole pixels of the picture and
+    a whole factor of reduction, so that the target stays exactly where it was.
     """
     box, image = view.box, view.image_bgr_u8
     if not box.is_valid:
@@ -145,17 +157,17 @@ def cut(view: View, crop_px: int) -> Crop | str:
     right, bottom = min(width, math.ceil(box.cx_px + half)), min(height, math.ceil(box.cy_px + half))
     if left >= right or top >= bottom:
         return "box outside the picture"
-    part = image[top:bottom, left:right]
-    scale = min(1.0, EXEMPLAR_PX / side_px)
-    columns, rows = max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale))
-    # What whole columns and rows make of the scale: the box goes with the pixels, not with the number asked for.
-    sx, sy = columns / (right - left), rows / (bottom - top)
-    small = part if scale == 1.0 else cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
+    factor = max(1, int(side_px / EXEMPLAR_PX))
+    columns, rows = (right - left) // factor, (bottom - top) // factor
+    if columns < 1 or rows < 1:
+        return "box outside the picture"
+    part = image[top : top + rows * factor, left : left + columns * factor]
+    small = part if factor == 1 else cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
     ok, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not ok:
         return "picture that cannot be compressed"
     b, g, r = (round(min(max(v, 0.0), 255.0)) for v in view.fill_bgr)
-    moved = Box((box.cx_px - left) * sx, (box.cy_px - top) * sy, box.w_px * sx, box.h_px * sy)
+    moved = Box((box.cx_px - left) / factor, (box.cy_px - top) / factor, box.w_px / factor, box.h_px / factor)
     return Crop(data.tobytes(), moved, (b, g, r))
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
 from tracker.box import Box
@@ -17,7 +18,7 @@ from tracker.training.augment.render import render_pair
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Pairing, Recipe, Stage
 from tracker.training.sources.mix import Mix
-from tracker.training.types import Batch, Skipped, Track, View, seed_of
+from tracker.training.types import Batch, Skipped, View, seed_of
 
 UNREADABLE = "unreadable picture"
 MISSES_IN_A_ROW = 20  # one fault is an accident, so many in a row mean that a source has gone
@@ -53,33 +54,41 @@ class Fault:
     what: str
 
 
-class Kin:
-    """The tracks of one source by class: for N tracks two arrays of int32, not N lists."""
+class Buckets:
+    """Tracks of one source by class or by group: for N tracks arrays of int32, not N lists."""
 
-    def __init__(self, tracks: Sequence[Track]) -> None:
+    def __init__(self, keys: Iterable[str | None], count: int) -> None:
         codes: dict[str, int] = {}
-        self._code = np.fromiter(
-            (-1 if t.label is None else codes.setdefault(t.label, len(codes)) for t in tracks), np.int32, len(tracks)
-        )
+        self._code = np.fromiter((-1 if k is None else codes.setdefault(k, len(codes)) for k in keys), np.int32, count)
         self._order = np.argsort(self._code, kind="stable").astype(np.int32)
         self._first = np.searchsorted(self._code[self._order], np.arange(len(codes) + 1))
 
-    def of(self, track: int) -> np.ndarray:
-        """Numbers of all tracks of the same class (its own too); empty when the track has none."""
+    def __len__(self) -> int:
+        return len(self._first) - 1
+
+    def __getitem__(self, bucket: int) -> npt.NDArray[np.int32]:
+        """Numbers of the tracks of a bucket."""
+        return self._order[self._first[bucket] : self._first[bucket + 1]]
+
+    def of(self, track: int) -> npt.NDArray[np.int32]:
+        """Numbers of all tracks in the bucket of one (its own too); empty when it is in none."""
         code = int(self._code[track])
-        return self._order[0:0] if code < 0 else self._order[self._first[code] : self._first[code + 1]]
+        return self._order[0:0] if code < 0 else self[code]
 
 
 class Picker:
-    """Draws pairs from a mix. Holds no generator; the tables of classes are built when they are first needed."""
+    """Draws pairs from a mix. Holds no generator; the table of classes is built when it is first needed."""
 
     def __init__(self, mix: Mix, pairing: Pairing) -> None:
         self.mix, self.pairing = mix, pairing
         self._edges = np.cumsum(mix.shares)
-        self._kin: dict[int, Kin] = {}
+        self._groups = [Buckets((t.group for t in s.tracks), len(s.tracks)) for s in mix.sources]
+        self._kin: dict[int, Buckets] = {}
 
     def pick(self, rng: np.random.Generator) -> Pick:
-        """One pair: source by share, track and exemplar frame uniform, search frame uniform within the frame range.
+        """One pair: source by share, then picture or video, track in it and frame uniform, search frame within reach.
+
+        So a crowded picture does not count for more than one with a single target, as in the published training.
 
         A distractor is a track of the same class, of the same source and another group: in the exemplar's own picture
         or video the true target may stand beside it, and `no target here` would be a lie. Without one it is any
@@ -104,7 +113,9 @@ class Picker:
         source = int(np.searchsorted(self._edges, rng.random() * self._edges[-1], side="right"))
         source = min(source, len(self._edges) - 1)  # a product may round up to the last edge
         tracks = self.mix.sources[source].tracks
-        track = int(rng.integers(len(tracks)))
+        groups = self._groups[source]
+        members = groups[int(rng.integers(len(groups)))]
+        track = int(members[rng.integers(len(members))])
         return source, track, int(rng.integers(len(tracks[track].frames)))
 
     def _stranger(self, rng: np.random.Generator, group: str) -> tuple[int, int, int] | None:
@@ -117,7 +128,7 @@ class Picker:
     def _kindred(self, rng: np.random.Generator, source: int, track: int, group: str) -> tuple[int, int, int] | None:
         tracks = self.mix.sources[source].tracks
         if source not in self._kin:
-            self._kin[source] = Kin(tracks)
+            self._kin[source] = Buckets((t.label for t in tracks), len(tracks))
         same = self._kin[source].of(track)
         for _ in range(TRIES_FOR_A_STRANGER if len(same) > 1 else 0):
             number = int(same[rng.integers(len(same))])

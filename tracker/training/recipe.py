@@ -248,6 +248,8 @@ class Curve(str, Enum):
 class Stage(Section):
     """A part of a run: how large the crops, what is frozen, how fast it learns, how long. One of pairs, minutes.
 
+    Minutes are those of the training; validations come on top.
+
     `frozen_layers`: the first so many backbone layers are fixed, their BatchNorm too (2 as in the paper; 5 is the whole
     backbone; 0 trains everything).
     """
@@ -305,7 +307,7 @@ class Recipe(Section):
     loss: LossWeights = LossWeights()
     teacher: Teacher | None = None
     optimiser: Optimiser = Optimiser()
-    ema: Annotated[float, Bounds(0.0, 0.999999)] | None = 0.998  # decay per step; null: the weights themselves
+    ema: Annotated[float, Bounds(0.0, 0.999999)] | None = 0.999  # decay per step; null: the weights themselves
     precision: Literal["auto", "fp32", "bf16", "fp16"] = "auto"
     stages: tuple[Stage, ...]
     checkpoint_minutes: Annotated[float, Bounds(0.01, 1e4)] = 10.0

@@ -11,13 +11,12 @@ from pydantic import ValidationError
 from tracker.config.errors import ConfigError, suggestion
 from tracker.config.problems import line_of, problems_of
 from tracker.config.strict_yaml import KeyPath, dotted, read_yaml
-from tracker.training.recipe import AnySource, Coco, Folders, Got10k, Recipe, Simulator, Stills, Variant, YoutubeBB
-from tracker.training.recipe import Packed as PackedSource
+from tracker.training.recipe import AnySource, Folders, Got10k, Recipe, Simulator, Variant
+from tracker.training.source_names import source_name
 
 _SUFFIXES = (".yaml", ".yml")
 _PACKAGE = "tracker.training.recipes"
 _BUILTIN_FOLDER = "recipes"  # `recipes/smoke.yaml` is how the documents name a built-in recipe
-_COMMON_TABLES = ("annotations", "annotation", "labels", "boxes", "train", "val")  # names that say nothing of the set
 WHOLE_SEQUENCES = (Folders, Got10k, Simulator)  # kinds that validation can use
 
 
@@ -60,24 +59,6 @@ def parse_recipe(text: str, where: str) -> Recipe:
     if problems:
         raise RecipeError(where, problems)
     return recipe
-
-
-def source_name(spec: AnySource) -> str:
-    """What a source is called: its name, else the last part of its path, else its kind.
-
-    A table is called by its own name without suffix, by its folder's when every table is called so.
-    """
-    if spec.name:
-        return spec.name
-    if isinstance(spec, PackedSource):
-        return spec.set_name
-    if isinstance(spec, Simulator):
-        return spec.kind
-    if not isinstance(spec, (Coco, Stills, YoutubeBB)):
-        return Path(spec.path).name or spec.kind
-    table = Path(spec.annotations)  # the same names as sources/names.py gives, without looking at any disk
-    stem = table.name.split(".")[0]
-    return (table.parent.name if stem in _COMMON_TABLES else stem) or spec.kind
 
 
 def _contradictions(recipe: Recipe) -> Iterator[tuple[KeyPath, str]]:

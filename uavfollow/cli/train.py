@@ -88,7 +88,7 @@ def _add_material(verbs: Any) -> None:
     prepare.add_argument("recipe", metavar="RECIPE", help=RECIPE_HELP)
     prepare.add_argument("--data", metavar="DIR", type=Path, default=Path(), help=DATA_HELP)
     prepare.add_argument("--out", metavar="PACK", type=Path, required=True, help="folder to make")
-    prepare.add_argument("--crop-px", type=int, help="side of the crops (default: 511)")
+    prepare.add_argument("--crop-px", type=int, help="side of the crops (default: what the recipe's crops can show)")
     prepare.add_argument("--limit", type=int, metavar="N", help="at most N crops of each source")
     prepare.add_argument("--workers", type=int, default=0, help="processes that cut (default: 0, this one)")
     prepare.set_defaults(run=_prepare)

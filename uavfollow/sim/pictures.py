@@ -18,6 +18,7 @@ from tracker.box import Box
 from tracker.messages import ImageU8
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Simulator
+from tracker.training.source_names import simulated_name
 from tracker.training.types import Footage, Skipped, Track, View
 from uavfollow.sim.round_flight import PICTURE_PX, RoundFlight
 from uavfollow.sim.village import draw_village
@@ -84,7 +85,7 @@ class SimulatorPictures:
         self.skipped = Skipped()
         self._spec = spec
         seeds = range(spec.seed, spec.seed + spec.sequences)
-        chosen = [s for s in seeds if _is_chosen(sequence_name(s), spec)]
+        chosen = [s for s in seeds if _is_chosen(simulated_name(s), spec)]
         self._sequences = tuple(_draw(seed, spec.frames) for seed in chosen)
         self._where: list[tuple[int, str]] = []
         tracks: list[Track] = []
@@ -127,11 +128,6 @@ class SimulatorPictures:
         return tuple(frames)
 
 
-def sequence_name(seed: int) -> str:
-    """Name of the sequence of a seed."""
-    return f"sim-{seed:06d}"
-
-
 def _is_chosen(name: str, spec: Simulator) -> bool:
     return (not spec.only or name in spec.only) and name not in spec.exclude
 
@@ -163,7 +159,7 @@ def _draw(seed: int, frames: int) -> _Sequence:
         blue, green, red, _ = cv2.mean(picture.image_bgr_u8)
         fills.append((blue, green, red))
     told = {name: tuple(boxes) for name, boxes in truths.items()}
-    return _Sequence(sequence_name(seed), flight, tuple(jpegs), tuple(fills), told, labels)
+    return _Sequence(simulated_name(seed), flight, tuple(jpegs), tuple(fills), told, labels)
 
 
 def _choose_flight(rng: np.random.Generator, spec: WorldSpec, world: World, frames: int) -> RoundFlight:

@@ -38,9 +38,8 @@ def pack(recipe: Recipe, data: Path, out: Path, crop_px: int | None, limit: int 
         if line.due_s() is not None:
             line.write(f"{name}: {done}/{total} crops")
 
-    given = {} if crop_px is None else {"crop_px": crop_px}
     try:
-        return prepare(mix, recipe, out, **given, limit_per_source=limit, progress=show, workers=workers)
+        return prepare(mix, recipe, out, crop_px, limit_per_source=limit, progress=show, workers=workers)
     finally:
         line.close()
 

@@ -148,6 +148,27 @@ def test_a_stage_in_minutes_goes_on_with_its_time_after_a_stop(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("no_picture")
+def test_a_validation_takes_nothing_of_the_minutes_of_a_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a validation near the end would cut the learning rate's way down short."""
+    clock = Clock(1.0)
+
+    def slow(*arguments: object) -> tuple[SequenceScore, ...]:
+        clock.now_s += 60.0
+        return (SequenceScore("slow", 2, 0.5, 0.5),)
+
+    monkeypatch.setattr("tracker.training.loop.validate", slow)
+    plan = recipe(
+        Stage(minutes=0.2, batch=2, lr=1e-3, warmup_pairs=0), validation=Validation(every_pairs=4, max_frames=2)
+    )
+    reports: list[Progress] = []
+    outcome, _ = _run(plan, tmp_path, items=[footage(frames=2)], clock=clock, reports=reports)
+    assert outcome.finished
+    assert len(outcome.validations) > 1
+    assert outcome.seconds > 60.0 * len(outcome.validations)
+    assert reports[-1].rate < 0.1e-3
+
+
+@pytest.mark.usefixtures("no_picture")
 def test_a_nan_skips_its_step_and_leaves_no_trace(tmp_path: Path) -> None:
     plan = recipe(stage(8, lr_end=2e-3))
     outcome, network = _run(plan, tmp_path / "nan", batches_for=_blobs(frozenset({1, 3})))

@@ -11,7 +11,7 @@ from tracker.box import Box
 from tracker.siamapnpp.crop import CropGeometry, crop_square, exemplar_side_px
 from tracker.training import pack, resident
 from tracker.training.errors import TrainingError
-from tracker.training.pack import choose, cut, prepare
+from tracker.training.pack import choose, cut, prepare, window_px
 from tracker.training.pairs import HostBatches
 from tracker.training.recipe import Packed, Recipe
 from tracker.training.resident import DeviceBatches, load_pool, resident_batches
@@ -106,7 +106,7 @@ def test_a_packed_view_shows_what_the_original_shows(packed):
 
 def test_a_large_target_is_shrunk_and_a_small_one_left_alone():
     large = cut(View(smooth(1), Box(160, 120, 200, 150), (0, 0, 0)), 511)
-    assert exemplar_side_px(large.box.w_px, large.box.h_px) == pytest.approx(127, rel=0.01)
+    assert (large.box.w_px, large.box.h_px) == (100, 75)  # its square of 363 px becomes 181: by a whole factor
     small = cut(View(smooth(1), Box(160.25, 120.5, 30, 20), (0, 0, 0)), 511)
     assert (small.box.w_px, small.box.h_px) == (30, 20)
     height, width = cv2.imdecode(np.frombuffer(small.jpeg, np.uint8), cv2.IMREAD_COLOR).shape[:2]
@@ -214,6 +214,14 @@ def test_nothing_is_written_over(copied):
     with pytest.raises(TrainingError, match="exists already"):
         prepare(drawn_mix(), recipe_of(), copied)
     assert (copied / "pack.json").read_bytes() == before
+
+
+def test_the_window_is_what_the_widest_crop_of_the_recipe_can_show():
+    wide = {"pairs": 9, "search_px": 255, "jitter": {"shift_px": 51, "log_scale": 0.5}}
+    recipe = recipe_of().model_dump(mode="json")
+    assert window_px(Recipe.model_validate(recipe | {"stages": [*recipe["stages"], wide]})) == 589
+    small = {"pairs": 9, "search_px": 223, "jitter": {"shift_px": 0, "log_scale": 0}}
+    assert window_px(Recipe.model_validate(recipe | {"stages": [small]})) == 287
 
 
 @pytest.mark.parametrize("crop_px", [286, 2000])
@@ -392,7 +400,7 @@ def test_the_pool_holds_only_what_may_be_asked_for(packed):
 def test_too_many_crops_for_the_memory(packed, monkeypatch):
     mix, _ = packed_mix(packed)
     monkeypatch.setattr(resident, "free_bytes", lambda device: 10_000_000)
-    with pytest.raises(TrainingError, match=r"need 0.0118 GB.*0.01 GB free.*--limit.*--crop-px"):
+    with pytest.raises(TrainingError, match=r"need 0.0109 GB.*0.01 GB free.*--limit.*--crop-px"):
         load_pool(mix, CPU)
 
 

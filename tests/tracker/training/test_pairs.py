@@ -10,7 +10,7 @@ import torch
 from tracker.box import Box
 from tracker.training.errors import TrainingError
 from tracker.training.loader import in_order, load
-from tracker.training.pairs import HostBatches, Kin, Picker, patch_box
+from tracker.training.pairs import Buckets, HostBatches, Picker, patch_box
 from tracker.training.recipe import Pairing, Recipe
 from tracker.training.sources.mix import Mix
 from tracker.training.types import Skipped, Track, View, seed_of
@@ -137,8 +137,17 @@ def test_patches_lie_inside_and_are_the_target_of_both_crops():
 
 
 def test_tracks_by_class():
-    kin = Kin([video("a", label="x"), video("b"), video("c", label="y"), video("d", label="x")])
+    kin = Buckets(["x", None, "y", "x"], 4)
     assert [kin.of(i).tolist() for i in range(4)] == [[0, 3], [], [2], [0, 3]]
+    assert [kin[i].tolist() for i in range(len(kin))] == [[0, 3], [2]]
+
+
+def test_a_crowded_picture_counts_as_much_as_one_with_a_single_target():
+    crowd = [Track(f"c{i}", (0,), None, "s/crowd") for i in range(9)]
+    drawn = picks(mix_of(Drawn("stills", [*crowd, Track("alone", (0,), None, "s/alone")])))
+    assert np.mean([p.track == 9 for p in drawn]) == pytest.approx(0.5, abs=0.03)
+    counts = np.bincount([p.track for p in drawn if p.track < 9])
+    assert counts.min() > 0.7 * counts.mean()
 
 
 def same(one, other):

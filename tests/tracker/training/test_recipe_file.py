@@ -14,8 +14,8 @@ from tracker.training.recipe_file import (
     load_recipe,
     parse_recipe,
     recipe_text,
-    source_name,
 )
+from tracker.training.source_names import source_name
 
 SMALL = """
 name: small

@@ -9,9 +9,9 @@ import pytest
 from tests.tracker.training.datasets import make_coco, make_folders, make_stills, picture
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Coco, Folders, Packed, Recipe, Simulator, Stills, Validation
+from tracker.training.source_names import source_name
 from tracker.training.sources import open_footage, open_mix, open_source, reserved_names
 from tracker.training.sources.limits import Limits
-from tracker.training.sources.names import source_name
 from tracker.training.sources.pictures import picture_size
 from tracker.training.sources.strings import Strings
 from tracker.training.sources.table import Rows
@@ -71,7 +71,8 @@ def test_validation_needs_whole_sequences(tmp_path):
     ):
         with pytest.raises(TrainingError, match="kind coco has no whole sequences; use folders, got10k or simulator"):
             attempt()
-    assert reserved_names(Validation(sources=(Simulator(kind="simulator"),)), tmp_path) == frozenset()
+    drawn = Simulator(kind="simulator", seed=7, sequences=2)
+    assert reserved_names(Validation(sources=(drawn,)), tmp_path) == {"sim-000007", "sim-000008"}
 
 
 def test_every_kind_of_a_recipe_is_opened_here():

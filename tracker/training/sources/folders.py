@@ -7,8 +7,8 @@ from pathlib import Path
 
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Folders
+from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.sequences import (
     SequenceFiles,
     chosen,

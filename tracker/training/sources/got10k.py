@@ -7,8 +7,8 @@ from pathlib import Path
 
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Got10k
+from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.sequences import SequenceFiles, chosen, footage_of, join, natural, read_all, source_of
 from tracker.training.sources.table_source import TableSource
 from tracker.training.sources.text import need_folder, read_flags, read_lines, read_text, read_truth

@@ -22,6 +22,7 @@ from tracker.training.recipe import (
     VideoFiles,
     YoutubeBB,
 )
+from tracker.training.source_names import simulated_name
 from tracker.training.sources.coco import open_coco
 from tracker.training.sources.folders import folder_names, folders_footage, open_folders
 from tracker.training.sources.got10k import got10k_footage, got10k_names, open_got10k
@@ -76,10 +77,7 @@ def open_footage(spec: AnySource, root: Path, injected: Mapping[str, Injected]) 
 
 
 def reserved_names(validation: Validation, root: Path) -> frozenset[str]:
-    """Names of the sequences that validation uses: no source may train on them. Raises TrainingError.
-
-    The simulator draws its own, which have no names elsewhere.
-    """
+    """Names of the sequences that validation uses: no source may train on them. Raises TrainingError."""
     names: set[str] = set()
     for spec in validation.sources:
         with _readable():
@@ -87,7 +85,9 @@ def reserved_names(validation: Validation, root: Path) -> frozenset[str]:
                 names.update(folder_names(spec, root))
             elif isinstance(spec, Got10k):
                 names.update(got10k_names(spec, root))
-            elif not isinstance(spec, Simulator):
+            elif isinstance(spec, Simulator):  # its pictures may come back in a pack
+                names.update(simulated_name(seed) for seed in range(spec.seed, spec.seed + spec.sequences))
+            else:
                 raise _no_sequences(spec)
     return frozenset(names)
 

@@ -14,7 +14,7 @@ from tracker.box import Box
 from tracker.training.errors import TrainingError
 from tracker.training.pack_format import AGAIN, PACK_FILE, PackedSet, open_shard, read_manifest
 from tracker.training.recipe import AnySource, Coco, Packed, Recipe, Simulator, Stills, YoutubeBB
-from tracker.training.sources.names import default_name
+from tracker.training.source_names import source_name
 from tracker.training.sources.strings import Strings
 from tracker.training.sources.table import Ints, Table, Tracks
 from tracker.training.types import Skipped, Track, View
@@ -162,7 +162,7 @@ def _name_in(there: set[str], spec: AnySource) -> str:
     if spec.name or isinstance(spec, Packed | Simulator):
         return spec.name or (spec.set_name if isinstance(spec, Packed) else spec.kind)
     path = Path(spec.annotations if isinstance(spec, Coco | Stills | YoutubeBB) else spec.path)
-    return path.name if path.name in there else default_name(spec, path)
+    return path.name if path.name in there else source_name(spec)
 
 
 def _packed(spec: AnySource, name: str, pack: Path) -> Packed:

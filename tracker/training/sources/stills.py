@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from tracker.training.recipe import Stills
+from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.pictures import Listing
 from tracker.training.sources.table import Rows
 from tracker.training.sources.table_source import TableSource, finish

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tracker.training.recipe import Vid
+from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.pictures import Listing
 from tracker.training.sources.table import Rows
 from tracker.training.sources.table_source import TableSource, finish

@@ -9,9 +9,9 @@ from typing import NamedTuple
 from tracker.messages import ImageU8
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import SourceBase, VideoFiles
+from tracker.training.source_names import source_name
 from tracker.training.sources.captures import Captures
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.sequences import chosen, natural
 from tracker.training.sources.table import Rows, Table, add_many
 from tracker.training.sources.table_source import TableSource, finish

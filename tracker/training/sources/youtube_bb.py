@@ -12,8 +12,8 @@ import numpy as np
 
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import YoutubeBB
+from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.names import source_name
 from tracker.training.sources.pictures import Listing
 from tracker.training.sources.table import Rows
 from tracker.training.sources.table_source import TableSource, finish

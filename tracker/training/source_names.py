@@ -1,10 +1,10 @@
-"""What a source is called when the recipe does not say."""
+"""What sources and the simulator's sequences are called. Looks at no disk."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tracker.training.recipe import AnySource, Coco, Packed, Simulator, SourceBase, Stills, YoutubeBB
+from tracker.training.recipe import AnySource, Coco, Packed, Simulator, Stills, YoutubeBB
 
 COMMON_STEMS = frozenset(("annotations", "annotation", "labels", "boxes", "train", "val"))  # say nothing of the set
 
@@ -27,6 +27,6 @@ def source_name(spec: AnySource) -> str:
     return (table.parent.name if stem in COMMON_STEMS else stem) or spec.kind
 
 
-def default_name(spec: SourceBase, path: Path) -> str:
-    """The same for a section whose path is at hand."""
-    return source_name(spec)  # type: ignore[arg-type]
+def simulated_name(seed: int) -> str:
+    """Name of the sequence that the simulator draws in the world of a seed."""
+    return f"sim-{seed:06d}"
