@@ -6,6 +6,7 @@ import sys
 
 from uavfollow.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, InputError
 from uavfollow.packages import check_packages
+from uavfollow.tell import tell
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -16,19 +17,29 @@ def main(argv: list[str] | None = None) -> int:
 
         return run(sys.argv[1:] if argv is None else argv)
     except InputError as error:
-        print(f"uavfollow: error: {error}", file=sys.stderr)
+        if str(error):  # else another process of the same run has told it
+            tell(f"uavfollow: error: {error}")
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print("uavfollow: interrupted", file=sys.stderr)
+        tell("uavfollow: interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader of our output (head, less) has gone; that is its right and no fault.
-        sys.stderr.close()
+        _close_stderr()
         return EXIT_INTERRUPTED
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        print(f"uavfollow: error: {where}{error.strerror or error}", file=sys.stderr)
+        tell(f"uavfollow: error: {where}{error.strerror or error}")
         return EXIT_BAD_INPUT
+
+
+def _close_stderr() -> None:
+    """Python would complain there of the broken pipe at its end."""
+    try:
+        if sys.stderr is not None:
+            sys.stderr.close()
+    except (OSError, ValueError):
+        pass
 
 
 if __name__ == "__main__":

@@ -12,11 +12,11 @@ LOG_PERIOD_S = 10.0
 
 
 class ProgressLine:
-    """The line itself. Shows nothing when standard error is closed."""
+    """The line itself. Shows nothing when standard error is closed, and no more when it dies (a closed terminal)."""
 
     def __init__(self) -> None:
         self._quiet = sys.stderr is None  # closed by the shell (2>&-)
-        self._terminal = not self._quiet and sys.stderr.isatty()
+        self._terminal = self._is_terminal()
         self._start_s = self._shown_s = time.monotonic()
         self._open = False
 
@@ -30,16 +30,30 @@ class ProgressLine:
 
     def write(self, line: str) -> None:
         """Show the line."""
-        print(f"\r\033[K{line}" if self._terminal else line, end="" if self._terminal else "\n", file=sys.stderr)
-        sys.stderr.flush()
+        self._print(f"\r\033[K{line}" if self._terminal else f"{line}\n")
         self._open = self._terminal
 
     def close(self) -> None:
         """Clear the line."""
         if self._open:
-            print("\r\033[K", end="", file=sys.stderr)
-            sys.stderr.flush()
+            self._print("\r\033[K")
             self._open = False
+
+    def _is_terminal(self) -> bool:
+        try:
+            return not self._quiet and sys.stderr.isatty()
+        except ValueError:  # closed by the program around us
+            self._quiet = True
+            return False
+
+    def _print(self, text: str) -> None:
+        if self._quiet:
+            return
+        try:
+            sys.stderr.write(text)
+            sys.stderr.flush()
+        except (OSError, ValueError):
+            self._quiet = True
 
 
 class Progress:

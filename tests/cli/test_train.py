@@ -15,7 +15,6 @@ from tests.cli.test_entry import _python
 from tracker.training.curves import Curves
 from tracker.training.progress import Progress
 from tracker.training.recipe_file import parse_recipe
-from uavfollow.errors import InputError
 from uavfollow.training.folder import difference, run_folder
 from uavfollow.training.progress import duration, told
 from uavfollow.training.run import RunOptions, effective_recipe
@@ -256,10 +255,13 @@ def test_run_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(tmp_path)
     recipe = parse_recipe(RECIPE, "tiny")
     first = run_folder(recipe, None, resume=False)
+    assert not first.exists()
+    first.mkdir(parents=True)
     (first / "recipe.json").write_text(recipe.model_dump_json())
     assert (str(first), str(run_folder(recipe, None, resume=False))) == ("runs/train-tiny", "runs/train-tiny-2")
-    with pytest.raises(InputError, match="ended before the first checkpoint"):
-        run_folder(recipe, first, resume=True)
+    Path("runs/train-tiny-2").mkdir()
+    Path("runs/train-tiny-2/curve.csv").touch()
+    assert str(run_folder(recipe, None, resume=False)) == "runs/train-tiny-3"
 
 
 def test_the_progress_line() -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import nn
 
@@ -22,6 +23,7 @@ from tracker.training.ablation_report import write_report
 from tracker.training.ablation_results import Ablation, SweepPoint, VariantResult
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Recipe, Stage, Start, Variant
+from tracker.training.sources.packed import without_places
 from tracker.training.types import Footage
 from tracker.training.validate import SETTINGS, SequenceScore, Tracks, mean_score, validate
 
@@ -186,17 +188,36 @@ def _sweep(
     if not values or (network is None and not trained.is_file()):
         return ()
     key = f"{key} {list(values)} {network is not None}"
-    if network is None and stored.is_file():
-        told = json.loads(stored.read_text(encoding="utf-8"))
-        if told["key"] == key:
-            return tuple(SweepPoint(**point) for point in told["points"])
     if network is None:
-        network = SiamAPNpp(SIZES[recipe.size])
-        network.load_state_dict(load_file(trained))
+        points = _stored_sweep(stored, key)
+        if points is not None:
+            return points
+        network = _trained_aan(trained, recipe)
     points = sweep_w1(network, footage, settings, values, Tracks.of(recipe.validation), should_stop)
     if points is not None:
         _write(stored, {"key": key, "points": [point.as_json() for point in points]})
     return points
+
+
+def _stored_sweep(path: Path, key: str) -> tuple[SweepPoint, ...] | None:
+    """An earlier sweep of the same; None when there is none that can be read: it is the work of minutes."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return tuple(SweepPoint.from_json(point) for point in told["points"]) if told["key"] == key else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _trained_aan(path: Path, recipe: Recipe) -> nn.Module:
+    network = SiamAPNpp(SIZES[recipe.size])
+    try:
+        network.load_state_dict(load_file(path))
+    except (OSError, SafetensorError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise TrainingError(
+            f"{path}: not the trained weights ({reason}); delete {path.parent} to train anew"
+        ) from error
+    return network
 
 
 def _check_equal(results: Sequence[VariantResult]) -> None:
@@ -207,7 +228,7 @@ def _check_equal(results: Sequence[VariantResult]) -> None:
 
 def _key(recipe: Recipe, pairs: int, settings: TrackerSettings, footage: Sequence[Footage]) -> str:
     """What the results depend on; another variant of the same recipe has the same key."""
-    whole = recipe.model_copy(update={"variant": Variant.AAN}).model_dump(mode="json")
+    whole = without_places(recipe.model_copy(update={"variant": Variant.AAN}))
     told = json.dumps([whole, pairs, repr(settings), [(f.name, len(f.truth)) for f in footage]], sort_keys=True)
     return hashlib.sha256(told.encode()).hexdigest()
 
@@ -220,18 +241,24 @@ def _stored(folder: Path, variant: Variant, key: str) -> VariantResult | None:
         told: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if told["key"] == key:
             return VariantResult.from_json(variant, told["result"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise TrainingError(f"{path}: not a result of an ablation ({error}); delete it to train anew") from error
     raise TrainingError(f"{path}: from another recipe, length or validation; choose another folder or delete it")
 
 
 def _store(folder: Path, result: VariantResult, key: str, network: nn.Module) -> None:
-    """Weights first: a result says that everything else is there."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Weights first: a result says that everything else is there. Raises TrainingError when they cannot be written."""
+    tensors = {name: value.detach().cpu().contiguous() for name, value in network.state_dict().items()}
     part = folder / f"{WEIGHTS}.part"
-    save_file({name: value.detach().cpu().contiguous() for name, value in network.state_dict().items()}, part)
-    part.replace(folder / WEIGHTS)
-    _write(folder / RESULT, {"key": key, "result": result.as_json()})
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        save_file(tensors, part)
+        part.replace(folder / WEIGHTS)
+        _write(folder / RESULT, {"key": key, "result": result.as_json()})
+    except (OSError, SafetensorError) as error:
+        part.unlink(missing_ok=True)
+        reason = getattr(error, "strerror", None) or error
+        raise TrainingError(f"{folder}: cannot be written ({reason}); make room, then give the same command") from error
 
 
 def _write(path: Path, what: dict[str, Any]) -> None:

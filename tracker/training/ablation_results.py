@@ -41,9 +41,11 @@ class VariantResult:
 
     @classmethod
     def from_json(cls, variant: Variant, told: dict[str, Any]) -> VariantResult:
-        """Back from `as_json`. Raises KeyError or TypeError for anything else."""
+        """Back from `as_json`. Raises KeyError, TypeError or ValueError for anything else."""
         sequences = tuple(SequenceScore(**row) for row in told["sequences"])
-        return cls(variant, told["pairs"], told["pairs_per_s"], told["parameters"], told["auc"], told["p20"], sequences)
+        speed = None if told["pairs_per_s"] is None else float(told["pairs_per_s"])
+        counts, scores = (int(told["pairs"]), int(told["parameters"])), (float(told["auc"]), float(told["p20"]))
+        return cls(variant, counts[0], speed, counts[1], *scores, sequences)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,11 @@ class SweepPoint:
     w1: float
     auc: float
     p20: float
+
+    @classmethod
+    def from_json(cls, told: dict[str, Any]) -> SweepPoint:
+        """Back from `as_json`. Raises KeyError, TypeError or ValueError for anything else."""
+        return cls(float(told["w1"]), float(told["auc"]), float(told["p20"]))
 
     def as_json(self) -> dict[str, float]:
         """Plain numbers."""

@@ -61,13 +61,17 @@ class Position:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Position and states. `optimiser` is None between two stages: the next one starts with a new one."""
+    """Position and states. `optimiser` is None between two stages: the next one starts with a new one.
+
+    `recipe`: the run's, as JSON; None in files that were written before it was kept.
+    """
 
     position: Position
     network: State
     average: State
     optimiser: State | None
     scaler: State | None
+    recipe: str | None = None
 
 
 def to_bytes(checkpoint: Checkpoint) -> bytes:
@@ -90,7 +94,8 @@ def from_bytes(data: bytes, where: Path) -> Checkpoint:
         raise TrainingError(f"{where}: the checkpoint is damaged (its SHA-256 does not match); {_way_out(where)}")
     try:
         raw = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
-        return Checkpoint(_position(raw["position"]), raw["network"], raw["average"], raw["optimiser"], raw["scaler"])
+        states = (raw["network"], raw["average"], raw["optimiser"], raw["scaler"])
+        return Checkpoint(_position(raw["position"]), *states, raw.get("recipe"))
     except Exception as error:  # the unpickler raises whatever a foreign file provokes; its text advises unsafe loading
         raise TrainingError(
             f"{where}: holds something else than a checkpoint ({type(error).__name__}); {_way_out(where)}"
@@ -142,10 +147,15 @@ def read_recipe(folder: Path) -> Recipe | None:
     if not path.is_file():
         return None
     try:
-        return Recipe.model_validate(json.loads(path.read_text(encoding="utf-8")))
+        return recipe_of(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise TrainingError(f"{path}: not a recipe of this version of uavfollow ({reason}); restore it") from error
+
+
+def recipe_of(text: str) -> Recipe:
+    """From JSON. Raises ValueError when it is none of this version."""
+    return Recipe.model_validate(json.loads(text))
 
 
 def has_checkpoint(folder: Path) -> bool:

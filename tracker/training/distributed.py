@@ -8,8 +8,8 @@ statistics that are kept are those of process 0.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import timedelta
 
@@ -22,6 +22,8 @@ from torch.nn.parallel import DistributedDataParallel
 from tracker.training.errors import TrainingError
 
 PATIENCE = timedelta(hours=12)  # the others wait while process 0 validates whole data sets
+FINE, FAILED = b"fine", b"failed"
+BACKENDS = ("gloo", "NCCL", "Connection", "process group")  # whose errors inside backward() tell of the others
 NUMBERS = ("RANK", "WORLD_SIZE", "LOCAL_RANK")
 
 
@@ -44,7 +46,8 @@ class World:
             return [float(v) for v in values]
         # On the CPU, thus by gloo: a flag must not wait for the GPU's queue.
         agreed = torch.tensor(values, dtype=torch.float64)
-        dist.all_reduce(agreed, op=dist.ReduceOp.MAX)
+        with _together():
+            dist.all_reduce(agreed, op=dist.ReduceOp.MAX)
         return [float(v) for v in agreed]
 
     def mean(self, value: Tensor) -> Tensor:
@@ -56,7 +59,8 @@ class World:
         if self.size == 1:
             return value
         total = value.detach().clone()
-        dist.all_reduce(total)
+        with _together():
+            dist.all_reduce(total)
         return total / self.size
 
     def wait(self) -> None:
@@ -68,22 +72,61 @@ class World:
         if self.size == 1:
             return data
         length = torch.tensor([-1 if data is None else len(data)], dtype=torch.int64)
-        dist.broadcast(length, src=0)
+        with _together():
+            dist.broadcast(length, src=0)
         if int(length) < 0:
             return None
         if data is not None and self.leads:
             content = torch.from_numpy(np.frombuffer(data, np.uint8).copy())
         else:
             content = torch.empty(int(length), dtype=torch.uint8)
-        dist.broadcast(content, src=0)
+        with _together():
+            dist.broadcast(content, src=0)
         return content.numpy().tobytes()
+
+    def led(self, make: Callable[[], bytes | None]) -> bytes | None:
+        """What `make` gives on process 0, where alone it is called, on every process.
+
+        What it raises goes on there; the others raise a TrainingError without text, for it is told once.
+        """
+        if not self.leads:
+            if self.share(None) != FINE:
+                raise TrainingError("")
+            return self.share(None)
+        try:
+            made = make()
+        except Exception:
+            self.share(FAILED)
+            raise
+        self.share(FINE)
+        return self.share(made)
+
+    def lost(self, error: Exception) -> bool:
+        """Whether an error in the middle of a step says that another process is not there any more."""
+        return self.size > 1 and any(word in str(error) for word in BACKENDS)
 
     def wrap(self, network: nn.Module) -> nn.Module:
         """The module whose backward pass averages the gradients over all processes; itself when it is alone."""
         if self.size == 1:
             return network
         device = next(network.parameters()).device
-        return DistributedDataParallel(network, device_ids=[device.index] if device.type == "cuda" else None)
+        with _together():
+            return DistributedDataParallel(network, device_ids=[device.index] if device.type == "cuda" else None)
+
+
+def others_ended(error: Exception) -> TrainingError:
+    """What to say when the others are not there any more."""
+    reason = (str(error).splitlines() or [type(error).__name__])[0]
+    return TrainingError(f"another process of this run ended ({reason}); its message says why; go on with --resume")
+
+
+@contextmanager
+def _together() -> Iterator[None]:
+    """Inside, all processes act as one."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise others_ended(error) from error
 
 
 @contextmanager
@@ -110,7 +153,8 @@ def joined(use_cuda: bool, init_method: str = "env://") -> Iterator[World]:
     try:
         yield world
     finally:
-        dist.destroy_process_group()
+        with suppress(RuntimeError):  # there is nobody to part from where the others ended before
+            dist.destroy_process_group()
 
 
 def world_of_environment() -> World:

@@ -21,6 +21,8 @@ from tracker.training.checkpoint import (
     has_checkpoint,
     read_bytes,
     read_checkpoint,
+    read_recipe,
+    recipe_of,
     to_bytes,
     write_checkpoint,
     write_recipe,
@@ -34,10 +36,12 @@ from tracker.training.progress import Outcome, Progress
 from tracker.training.recipe import Recipe, Stage
 from tracker.training.reporter import Reporter
 from tracker.training.schedule import rate_at
+from tracker.training.sources.packed import without_places
 from tracker.training.step import Learner, Step
 from tracker.training.teacher import Teacher
 from tracker.training.types import Batch, Batches, Footage
 from tracker.training.validate import SETTINGS, Tracks, Validated, evaluation_copy, validate
+from tracker.weights.store import SUFFIX
 
 MAX_SKIPPED_IN_A_ROW = 50  # so many bad batches are no accident: the weights or the data are ruined
 
@@ -54,7 +58,9 @@ class _Session:
 
 
 class Trainer:
-    """Trains `network` by `recipe` in `folder`, which must exist; goes on from `last.ckpt` where there is one.
+    """Trains `network` by `recipe` in `folder`, which must exist.
+
+    With `resume` it goes on from `last.ckpt` where there is one; without it none may be there.
 
     `batches_for(stage)` makes the batches of a stage, of which every process of `world` gets its rows. `footage` is
     validated on by process 0. `workers`: processes that make batches. `teacher`: see `Teacher`; None without one.
@@ -72,8 +78,10 @@ class Trainer:
         footage: Sequence[Footage] = (),
         workers: int = 0,
         teacher: Teacher | None = None,
+        resume: bool = False,
     ) -> None:
         self._recipe = recipe
+        self._resumes = resume
         self._batches_for = batches_for
         self._folder = folder
         self._world = world
@@ -86,6 +94,7 @@ class Trainer:
         self._curves = Curves(folder)
         self._position = Position()
         self._optimiser_state: State | None = None
+        self._notes: list[str] = []
 
     def run(
         self, should_stop: Callable[[], bool], clock: Callable[[], float], report: Callable[[Progress], None]
@@ -93,7 +102,8 @@ class Trainer:
         """Train to the end or until `should_stop`, which is asked before every step and frame of validation.
 
         `clock` gives monotonic seconds. Either way the state is saved and the weights exported.
-        Raises TrainingError: damaged checkpoint, no data, disk, or too many skipped steps in a row.
+        Raises TrainingError: damaged or foreign checkpoint, no data, disk, memory, another process that ended, or too
+        many skipped steps in a row.
         """
         self._resume()
         # Agreed, because it takes all processes: those that do not lead need not have opened the footage.
@@ -104,21 +114,37 @@ class Trainer:
             finished = self._all_stages(session) and self._final_validation(session)
         if not finished:
             self._save(session)
-        files = self._export() if self._world.leads else ()
+        files = self._export(session) if self._world.leads else ()
         self._world.wait()
         at = self._position
-        return Outcome(finished, at.pairs, at.total_s, at.skipped_steps, at.unused, tuple(at.validations), files)
+        told = (at.unused, tuple(at.validations), files, tuple(self._notes))
+        return Outcome(finished, at.pairs, at.total_s, at.skipped_steps, *told)
 
     def _resume(self) -> None:
         path = self._folder / LAST
-        data = self._world.share(read_bytes(path) if self._world.leads and has_checkpoint(self._folder) else None)
+        data = self._world.led(self._found)
         if data is not None:
             self._take_over(from_bytes(data, path), path)
         if self._world.leads:
             write_recipe(self._folder, self._recipe)
-            self._curves.cut(self._position.pairs)
+            self._notes += self._curves.cut(self._position.pairs, self._position.validations)
+
+    def _found(self) -> bytes | None:
+        """The checkpoint to go on from, as it lies there; None: from the beginning."""
+        path = self._folder / LAST
+        if not has_checkpoint(self._folder):
+            return None
+        if not self._resumes:
+            raise TrainingError(f"{path}: a run lies there; resume it, or choose another folder")
+        data = read_bytes(path)
+        # One from before checkpoints held it has only the file beside it to tell its recipe.
+        if from_bytes(data, path).recipe is None and not _is_same(read_recipe(self._folder), self._recipe):
+            raise TrainingError(_of_another_recipe(path))
+        return data
 
     def _take_over(self, checkpoint: Checkpoint, path: Path) -> None:
+        if checkpoint.recipe is not None and not _is_of(checkpoint.recipe, self._recipe):
+            raise TrainingError(_of_another_recipe(path))
         if checkpoint.position.stage > len(self._recipe.stages):
             raise TrainingError(f"{path}: is of a recipe with more stages; resume it with its own recipe")
         try:
@@ -200,7 +226,7 @@ class Trainer:
         if at.total_s - session.saved_s >= 60.0 * self._recipe.checkpoint_minutes:
             self._optimiser_state = self._learner.optimiser_state()
             self._save(session)
-            self._draw()
+            self._draw(session)
 
     def _count(self, result: Step) -> None:
         at = self._position
@@ -253,26 +279,58 @@ class Trainer:
             return
         learner = self._learner
         state = (learner.network.state_dict(), learner.average.state_dict(), self._optimiser_state)
-        data = to_bytes(Checkpoint(self._position, *state, learner.scaler_state()))
+        data = to_bytes(Checkpoint(self._position, *state, learner.scaler_state(), self._recipe.model_dump_json()))
         # The best first: a crash between the two leaves a run that validates again, not one without its best weights.
         if best:
             write_checkpoint(self._folder / BEST, data)
         write_checkpoint(self._folder / LAST, data)
 
-    def _draw(self) -> Path | None:
-        return self._curves.draw() if self._world.leads else None
+    def _draw(self, session: _Session) -> Path | None:
+        """A picture is a luxury: whatever keeps it from being drawn does not end a run."""
+        if not self._world.leads:
+            return None
+        try:
+            return self._curves.draw()
+        except Exception as error:  # those of matplotlib are of any kind
+            reason = (str(error).splitlines() or [""])[0]
+            self._note(session, f"the curves were not drawn ({type(error).__name__}: {reason})")
+            return None
 
-    def _export(self) -> tuple[Path, ...]:
+    def _note(self, session: _Session, text: str) -> None:
+        if text not in self._notes:
+            self._notes.append(text)
+            session.reporter.say(text)
+
+    def _export(self, session: _Session) -> tuple[Path, ...]:
         """The average of now, and that of the best validation where it is another one."""
         at = self._position
         made = Made(self._recipe, self._start, at, self._device, self._world.size)
         files = list(export(self._folder, WEIGHTS, self._learner.average.tensors(), made))
         best = at.best
         if best is not None and best.pairs != at.pairs and (self._folder / BEST).is_file():
-            kept = read_checkpoint(self._folder / BEST)
-            files += export(self._folder, BEST_WEIGHTS, kept.average, replace(made, position=kept.position))
-        picture = self._draw()
+            try:
+                kept = read_checkpoint(self._folder / BEST)
+            except TrainingError:
+                self._note(session, f"{BEST} is damaged, {BEST_WEIGHTS}{SUFFIX} was not made")
+            else:
+                files += export(self._folder, BEST_WEIGHTS, kept.average, replace(made, position=kept.position))
+        picture = self._draw(session)
         return (*files, *([picture] if picture else []))
+
+
+def _is_same(then: Recipe | None, now: Recipe) -> bool:
+    return then is not None and without_places(then) == without_places(now)
+
+
+def _is_of(text: str, recipe: Recipe) -> bool:
+    try:
+        return _is_same(recipe_of(text), recipe)
+    except ValueError:  # of another version
+        return False
+
+
+def _of_another_recipe(path: Path) -> str:
+    return f"{path}: is of another recipe; resume it with its own recipe, or choose another folder"
 
 
 @contextmanager

@@ -12,7 +12,8 @@ import math
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from safetensors import SafetensorError
 from safetensors.numpy import save_file
 
 from tracker.box import Box
@@ -27,6 +29,7 @@ from tracker.siamapnpp.crop import EXEMPLAR_PX, MIN_SIDE_PX, exemplar_side_px
 from tracker.training.errors import TrainingError
 from tracker.training.loader import in_order
 from tracker.training.pack_format import (
+    CROP_RANGE_PX,
     PACK_FILE,
     SCHEMA_VERSION,
     SUFFIX,
@@ -35,13 +38,12 @@ from tracker.training.pack_format import (
     Shard,
     TrackColumns,
 )
-from tracker.training.pairs import UNREADABLE
 from tracker.training.recipe import Recipe
+from tracker.training.sources.faults import UnusableBox, kind_of
 from tracker.training.sources.mix import Mix
 from tracker.training.types import Skipped, Source, View
 from tracker.weights.card import sha256_of
 
-CROP_RANGE_PX = (287, 1023)  # the search crop itself; twice the widest of the built-in recipes
 SHARD_BYTES = 60_000_000  # below the limits of hosts and mail gateways; one is read in a second
 HEADER_BYTES = 1000  # more than the table of contents of a shard takes
 ROW_BYTES = 35  # of a crop beside its picture
@@ -49,6 +51,7 @@ JPEG_QUALITY = 90  # the pictures have been compressed before, and are augmented
 PER_TRACK = 2  # with one frame of a video there is no pair
 CLUSTER = 4  # frames of a long track that lie within one frame range of each other
 READABLE_BY_ALL = 0o755
+SURROGATE = re.compile("[\\ud800-\\udfff]")  # what Python makes of bytes in a file's name that are no UTF-8
 
 Ints = npt.NDArray[np.int64]
 
@@ -106,29 +109,37 @@ def prepare(
     if out.exists():
         raise TrainingError(f"{out}: exists already; choose another folder, or remove it")
     stems = _stems([source.name for source in mix.sources])
+    with _whole_or_not_at_all(out) as hidden:
+        skipped = Skipped()
+        cutters = [_Cutter.of(source, limit_per_source, crop_px) for source in mix.sources]
+        sets = [
+            _pack(cutter, float(share), _Writer(hidden, stem), progress, workers, skipped)
+            for cutter, share, stem in zip(cutters, mix.shares, stems, strict=True)
+        ]
+        manifest = Manifest(schema_version=SCHEMA_VERSION, recipe=recipe.name, crop_px=crop_px, sources=sets)
+        (hidden / PACK_FILE).write_text(manifest.model_dump_json() + "\n", encoding="utf-8")
+    counts = tuple(
+        PackedCount(s.name, len(s.tracks.names), s.crops, sum(shard.size_bytes for shard in s.shards)) for s in sets
+    )
+    return PackReport(out, counts, skipped)
+
+
+@contextmanager
+def _whole_or_not_at_all(out: Path) -> Iterator[Path]:
+    """A hidden folder that becomes `out` when all went well, and else is removed. Raises TrainingError."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         hidden = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
         try:
-            skipped = Skipped()
-            sets = []
-            for source, share, stem in zip(mix.sources, mix.shares, stems, strict=True):
-                chosen = choose(source, limit_per_source)
-                cutter = _Cutter(source, chosen, crop_px)
-                sets.append(_pack(cutter, float(share), _Writer(hidden, stem), progress, workers, skipped))
-            manifest = Manifest(schema_version=SCHEMA_VERSION, recipe=recipe.name, crop_px=crop_px, sources=sets)
-            (hidden / PACK_FILE).write_text(manifest.model_dump_json() + "\n", encoding="utf-8")
+            yield hidden
             hidden.chmod(READABLE_BY_ALL)
             hidden.rename(out)
         except BaseException:
             shutil.rmtree(hidden, ignore_errors=True)
             raise
-    except OSError as error:
-        raise TrainingError(f"{out}: cannot be written ({error.strerror or error})") from error
-    counts = tuple(
-        PackedCount(s.name, len(s.tracks.names), s.crops, sum(shard.size_bytes for shard in s.shards)) for s in sets
-    )
-    return PackReport(out, counts, skipped)
+    except (OSError, SafetensorError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise TrainingError(f"{out}: cannot be written ({reason}); make room, or choose another place") from error
 
 
 def window_px(recipe: Recipe) -> int:
@@ -149,18 +160,18 @@ def cut(view: View, crop_px: int) -> Crop | str:
     """
     box, image = view.box, view.image_bgr_u8
     if not box.is_valid:
-        return "box without a size"
+        return UnusableBox("box without a size")
     height, width = image.shape[:2]
     side_px = max(exemplar_side_px(box.w_px, box.h_px), MIN_SIDE_PX)
     half = side_px * crop_px / EXEMPLAR_PX / 2
     left, top = max(0, math.floor(box.cx_px - half)), max(0, math.floor(box.cy_px - half))
     right, bottom = min(width, math.ceil(box.cx_px + half)), min(height, math.ceil(box.cy_px + half))
     if left >= right or top >= bottom:
-        return "box outside the picture"
+        return UnusableBox("box outside the picture")
     factor = max(1, int(side_px / EXEMPLAR_PX))
     columns, rows = (right - left) // factor, (bottom - top) // factor
     if columns < 1 or rows < 1:
-        return "box outside the picture"
+        return UnusableBox("box outside the picture")
     part = image[top : top + rows * factor, left : left + columns * factor]
     small = part if factor == 1 else cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
     ok, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
@@ -224,13 +235,33 @@ class _Cutter:
     chosen: Ints
     crop_px: int
 
+    @classmethod
+    def of(cls, source: Source, limit: int | None, crop_px: int) -> _Cutter:
+        """Raises TrainingError for a limit too low for any pair (a still picture makes one alone, a video frame not),
+        and for names that pack.json cannot hold."""
+        chosen = choose(source, limit)
+        if not len(chosen) and len(source.tracks):
+            raise TrainingError(
+                f"source `{source.name}`: limit {limit}: a pair needs {PER_TRACK} frames of a video; "
+                f"give a limit of at least {PER_TRACK}"
+            )
+        for number in np.unique(chosen[:, 0]).tolist():
+            track = source.tracks[number]
+            if SURROGATE.search(f"{track.name}{track.label}{track.group}"):
+                raise TrainingError(
+                    f"source `{source.name}`: {track.name!r} is not UTF-8, as {PACK_FILE} must be; rename the file"
+                )
+        return cls(source, chosen, crop_px)
+
     def __call__(self, number: int) -> Crop | str:
         track, index = (int(v) for v in self.chosen[number])
         view = self.source.view(track, index)
         if isinstance(view, str):
             return view
         crop = cut(view, self.crop_px)
-        return f"{self.source.tracks[track].name} frame {index}: {crop}" if isinstance(crop, str) else crop
+        if isinstance(crop, str):
+            return type(crop)(f"{self.source.tracks[track].name} frame {index}: {crop}")
+        return crop
 
 
 class _Writer:
@@ -278,7 +309,7 @@ def _pack(
     for number, crop in enumerate(in_order(cutter, 0, len(chosen), workers)):
         track, index = (int(v) for v in chosen[number])
         if isinstance(crop, str):
-            skipped.add(UNREADABLE, crop)
+            skipped.add(kind_of(crop), crop)
         else:
             if not used or used[-1] != track:
                 used.append(track)
@@ -296,7 +327,7 @@ def _pack(
         crops=count,
         shards=writer.shards,
         tracks=TrackColumns.of((source.tracks[track] for track in used), source.name),
-        skipped=skipped.lines(),
+        skipped=[line.encode(errors="replace").decode() for line in skipped.lines()],  # paths may be no text
     )
 
 

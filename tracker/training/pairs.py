@@ -17,10 +17,10 @@ from tracker.training.augment.plan import Plan, draw_plan
 from tracker.training.augment.render import render_pair
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import Pairing, Recipe, Stage
+from tracker.training.sources.faults import kind_of
 from tracker.training.sources.mix import Mix
 from tracker.training.types import Batch, Skipped, View, seed_of
 
-UNREADABLE = "unreadable picture"
 MISSES_IN_A_ROW = 20  # one fault is an accident, so many in a row mean that a source has gone
 TRIES_FOR_A_STRANGER = 16  # enough unless nearly all tracks are of one group
 PLAN_STREAM = 1 << 31  # beyond every row number: the plan's generator is none of the rows'
@@ -48,7 +48,7 @@ class Pick:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A view that cannot be had: the source's name, and file and fault in one line."""
+    """A view that cannot be had: the source's name, and what its `view` said: file and fault in one line."""
 
     source: str
     what: str
@@ -198,11 +198,11 @@ class Rows:
             got = fetch(pick)
             if not isinstance(got, Fault):
                 return effects, pick, got
-            skipped.add(UNREADABLE, got.what)
+            skipped.add(kind_of(got.what), got.what)
             last = got
         raise TrainingError(
-            f"source `{last.source}`: {MISSES_IN_A_ROW} pictures in a row could not be read, the last: {last.what}; "
-            f"are its files still there?"
+            f"source `{last.source}`: {MISSES_IN_A_ROW} picks in a row could not be used, the last: {last.what}; "
+            "are its files there and its columns in the right order?"
         )
 
 

@@ -34,7 +34,8 @@ class Outcome:
     """How a run ended. `finished`: all stages done, else it was stopped and can be resumed.
 
     `pairs` and `seconds` over all sessions of the run; `skipped_steps` whose loss or gradient was no use; `unused`:
-    data that could not be used; `files` written at the end (empty on other processes than the first).
+    data that could not be used; `files` written at the end (empty on other processes than the first); `notes`: what
+    else went wrong without ending the run.
     """
 
     finished: bool
@@ -44,6 +45,7 @@ class Outcome:
     unused: Skipped
     validations: tuple[Validated, ...]
     files: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
 
 class Means:

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+import unicodedata
 from enum import Enum
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from tracker.config.fields import Bounds, Section
+
+CONTROL = "Cc"  # Unicode's category
+SHOWN = 40  # characters of a text in a message
 
 Share = Annotated[float, Bounds(0.0, 1.0)]
 Factor = Annotated[float, Bounds(0.0, 100.0)]
 Count = Annotated[int, Bounds(1, 10_000_000_000, whole=True)]
 Pixels = Annotated[int, Bounds(1, 10_000, whole=True)]
 Rate = Annotated[float, Bounds(0.0, 1.0)]
-Text = Annotated[str, Field(min_length=1, max_length=400)]
+
+
+def _printable(text: str) -> str:
+    """A control character in a path or a name is a slip: no file is called so, and in a terminal it hides the rest."""
+    wrong = next((c for c in text if unicodedata.category(c) == CONTROL), None)
+    if wrong is not None:
+        raise ValueError(f"{text[:SHOWN]!r}: holds the control character {wrong!r}; write it as one line of plain text")
+    return text
+
+
+Text = Annotated[str, Field(min_length=1, max_length=400), AfterValidator(_printable)]
 
 
 class Variant(str, Enum):

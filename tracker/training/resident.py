@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -87,7 +88,7 @@ def load_pool(
             images[row : row + len(made)] = torch.from_numpy(host).to(device).permute(0, 3, 1, 2)
             row += len(made)
             progress(row, total)
-    boxes_on, fill_on = (torch.from_numpy(a.astype(np.float32)).to(device) for a in (boxes, fill))
+    boxes_on, fill_on = (to_device(a.astype(np.float32), device) for a in (boxes, fill))
     return Pool(images, boxes_on, fill_on, tuple(_rows(sources)), place, faults)
 
 
@@ -144,7 +145,7 @@ class DeviceBatches:
             some = slice(start, start + RENDERED_AT_ONCE)
             parts.append(self._render(picks[some], where[some], plan.rows(some), generator))
         exemplar, search, box = (torch.cat(part) for part in zip(*parts, strict=True))
-        negative = torch.tensor([pick.negative for pick in picks], device=device)
+        negative = to_device(np.array([pick.negative for pick in picks]), device)
         return Batch(exemplar, search, box, negative, skipped)
 
     def _fetch(self, pick: Pick) -> tuple[int, int] | Fault:
@@ -165,15 +166,25 @@ class DeviceBatches:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Rows of a chunk. They are taken from the pool first, for a patch has a box of its own in a crop of others."""
         pool, count = self._pool, len(picks)
-        rows = torch.from_numpy(where.T.reshape(-1)).to(pool.images.device)
+        device = pool.images.device
+        rows = to_device(where.T.reshape(-1), device)
         images, boxes, fill = pool.images[rows], pool.boxes[rows], pool.fill_bgr[rows]
+        patches: dict[int, tuple[float, float, float, float]] = {}
         for i, pick in enumerate(picks):
             if pick.patch is not None:
-                image, box = _patch(images[i], fill[i], pool.place[where[i, 0]], pick.patch)
+                image, patches[i] = _patch(images[i], fill[i], pool.place[where[i, 0]], pick.patch)
                 images[i] = images[count + i] = image
-                boxes[i] = boxes[count + i] = torch.tensor(box, dtype=torch.float32)
-        numbers = torch.arange(2 * count, device=rows.device)
+        if patches:  # in one copy: one for each would make the device wait as often
+            at = to_device(np.array(list(patches)), device)
+            boxes[at] = boxes[at + count] = to_device(np.array(list(patches.values()), np.float32), device)
+        numbers = torch.arange(2 * count, device=device)
         return render_batch(images, boxes, fill, numbers[:count], numbers[count:], plan, self._search_px, generator)
+
+
+def to_device(array: npt.NDArray[Any], device: torch.device) -> torch.Tensor:
+    """The array as a tensor there. To a GPU it goes by pinned memory, so that nothing waits for the copy."""
+    tensor = torch.from_numpy(np.ascontiguousarray(array))
+    return tensor.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else tensor
 
 
 def _patch(

@@ -92,6 +92,8 @@ def _weights(recipe: Recipe, entry: str, model: str, size: str) -> Weights:
     except WeightsError as error:
         raise TrainingError(f"start.{entry}: {error}") from error
     if weights.size != size:
+        if (entry, weights.size) == ("widen", "full"):
+            raise TrainingError(f"start.widen: {model} is already of size full; give start.model instead")
         hint = "; give start.widen instead" if (entry, weights.size) == ("model", "s") else ""
         raise TrainingError(f"start.{entry}: {model} is of size {weights.size}, not {size}{hint}")
     return weights

@@ -15,8 +15,8 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from tracker.engines.cpu import has_native_bf16
 from tracker.siamapnpp.network import Maps
 from tracker.training.average import Average
-from tracker.training.checkpoint import State
-from tracker.training.distributed import World
+from tracker.training.checkpoint import LAST, State
+from tracker.training.distributed import World, others_ended
 from tracker.training.errors import TrainingError
 from tracker.training.frozen import freeze
 from tracker.training.losses import losses
@@ -28,6 +28,7 @@ from tracker.training.types import Batch
 
 TOTAL = "total"  # names of losses beside those that `losses` gives
 TEACHER = "teacher"
+NO_MEMORY = ("out of memory", "can't allocate memory")  # CUDA's words and the CPU allocator's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,25 +66,38 @@ class Learner:
         self._stage_index = stage_index
         self._optimiser = make_optimiser(self.network, self._recipe.optimiser, stage.lr)
         if optimiser is not None:
-            self._optimiser.load_state_dict(optimiser)
+            self._restore(self._optimiser, optimiser)
         self._forward = self._world.wrap(self.network)
         self._statistics = Statistics(self.network)
 
     def learn(self, batch: Batch, step: int, rate: float) -> Step:
-        """Step number `step` of the stage with the rows of this process at learning rate `rate`."""
+        """Step number `step` of the stage with the rows of this process at learning rate `rate`.
+
+        Raises TrainingError when memory runs out or another process ended.
+        """
         if self._optimiser is None:
             raise RuntimeError("learn() before begin()")
-        set_rate(self._optimiser, rate)
-        self._optimiser.zero_grad(set_to_none=True)
+        try:
+            return self._learn(self._optimiser, batch, step, rate)
+        except (RuntimeError, MemoryError) as error:
+            if is_out_of_memory(error):
+                raise self._too_large() from error
+            if self._world.lost(error):
+                raise others_ended(error) from error
+            raise
+
+    def _learn(self, optimiser: torch.optim.Optimizer, batch: Batch, step: int, rate: float) -> Step:
+        set_rate(optimiser, rate)
+        optimiser.zero_grad(set_to_none=True)
         total, parts = self._loss(batch, step)
         self._scaler.scale(total).backward()  # type: ignore[no-untyped-call]
-        self._scaler.unscale_(self._optimiser)
-        learned = [p for group in self._optimiser.param_groups for p in group["params"]]
+        self._scaler.unscale_(optimiser)
+        learned = [p for group in optimiser.param_groups for p in group["params"]]
         norm = nn.utils.clip_grad_norm_(learned, self._recipe.optimiser.clip)
         bad = not (_below(total, self._recipe.optimiser.max_loss) and math.isfinite(float(norm)))
         skipped = self._world.highest([float(bad)])[0] > 0
         if not skipped:
-            self._scaler.step(self._optimiser)
+            self._scaler.step(optimiser)
         self._scaler.update()
         if skipped:
             self._statistics.restore()
@@ -91,6 +105,22 @@ class Learner:
             self._statistics.keep()
             self.average.update(self.network)
         return Step(self._of_all(parts), skipped)
+
+    def _too_large(self) -> TrainingError:
+        stage = self._recipe.stages[self._stage_index]
+        return TrainingError(
+            f"out of memory at stage {self._stage_index + 1} (batch {stage.batch}, search {stage.search_px} px): make "
+            "the batch smaller; the last checkpoint is kept"
+        )
+
+    def _restore(self, optimiser: torch.optim.Optimizer, state: State) -> None:
+        try:
+            optimiser.load_state_dict(state)
+        except (ValueError, KeyError, TypeError) as error:
+            reason = str(error).splitlines()[0]
+            raise TrainingError(
+                f"{LAST}: its optimiser's state is of another recipe ({reason}); resume it with its own recipe"
+            ) from error
 
     def optimiser_state(self) -> State | None:
         """For a checkpoint; None before the first stage."""
@@ -168,6 +198,11 @@ def autocast_dtype(precision: str, device: torch.device) -> torch.dtype | None:
     if precision == "fp16" and device.type != "cuda":
         raise TrainingError("precision fp16 needs a CUDA device; use precision auto")
     return {"fp32": None, "bf16": torch.bfloat16, "fp16": torch.float16}[precision]
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether an allocation failed, on whatever device."""
+    return isinstance(error, MemoryError) or any(w in str(error) for w in NO_MEMORY)
 
 
 def _buffers(modules: Iterable[nn.Module]) -> Iterable[Tensor]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 from uavfollow.cli.train import MAX_COUNT, RECIPE_HELP, add_run_options, check_range, run_options
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED
+from uavfollow.tell import tell
 
 NAME = "bench"
 VARIANTS = ("siamapn", "apn_df", "self_aan", "aan")
@@ -50,7 +50,7 @@ def _ablation(arguments: argparse.Namespace) -> int:
         variants = tuple(Variant(name) for name in arguments.variants)
         result = ablate(recipe, arguments.pairs, arguments.out, run_options(arguments), variants)
     if result is None:
-        print("stopped; the same command goes on where it was", file=sys.stderr)
+        tell("stopped; the same command goes on where it was")
         return EXIT_INTERRUPTED
     print(json.dumps(result.as_json(), indent=1, allow_nan=False) if arguments.json else "\n".join(as_markdown(result)))
     return EXIT_DONE

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, InputError
+from uavfollow.tell import tell
 
 if TYPE_CHECKING:
     from uavfollow.training.run import RunOptions, RunResult
@@ -166,7 +166,7 @@ def _tell(result: RunResult, arguments: argparse.Namespace) -> None:
     from uavfollow.training.run import outcome_lines
 
     if not result.outcome.finished:
-        print(f"stopped; go on with: {_again(arguments, result.folder)}", file=sys.stderr)
+        tell(f"stopped; go on with: {_again(arguments, result.folder)}")
     if arguments.json:
         print(json.dumps(result.as_json(), indent=1, allow_nan=False))
         return
@@ -202,7 +202,7 @@ def _prepare(arguments: argparse.Namespace) -> int:
     for source in report.sources:
         print(f"{source.name}: {source.crops} crops of {source.tracks} targets, {source.size_bytes / 1e6:.1f} MB")
     for line in report.skipped.lines():
-        print(f"left out: {line}", file=sys.stderr)
+        tell(f"left out: {line}")
     command = shlex.join(["uavfollow", "train", "run", arguments.recipe, "--packed", str(report.folder)])
     print(f"{report.folder}: packed; train from it with: {command}")
     return EXIT_DONE
@@ -241,7 +241,7 @@ def _diagnose(arguments: argparse.Namespace) -> int:
         return EXIT_DONE
     print("\n".join([*diagnosis.table(), *(f"- {line}" for line in diagnosis.verdict())]))
     for line in diagnosis.skipped:
-        print(f"not used: {line}", file=sys.stderr)
+        tell(f"not used: {line}")
     return EXIT_DONE
 
 

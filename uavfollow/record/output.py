@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from uavfollow.errors import InputError
@@ -19,9 +19,13 @@ RUN_FILES = (
 
 def free_folder(name: str, marker: str) -> Path:
     """runs/NAME, numbered when a run lies there already (its file `marker` does): none is written over unasked."""
+    return next(p for p in numbered_folders(name) if not (p / marker).exists())
+
+
+def numbered_folders(name: str) -> Iterator[Path]:
+    """runs/NAME, runs/NAME-2 and so on, without end."""
     first = Path("runs") / name
-    numbered = (first.with_name(f"{first.name}-{n}") for n in itertools.count(2))
-    return next(p for p in itertools.chain([first], numbered) if not (p / marker).exists())
+    return itertools.chain([first], (first.with_name(f"{first.name}-{n}") for n in itertools.count(2)))
 
 
 class OutputFolder:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -29,6 +31,9 @@ def ablate(
 
     Raises InputError, TrainingError, WeightsError.
     """
+    if os.environ.get("WORLD_SIZE", "1") != "1":
+        raise InputError("bench ablation trains in one process: start it without torchrun")
+    _check_place(folder)
     device = choose_device(options.device)
     recipe = effective_recipe(recipe, options)
     mix, footage = open_sources(recipe, options.data), open_validation(recipe, options.data)
@@ -48,6 +53,20 @@ def ablate(
             return TrainedVariant(_averaged(variant, own).to(device).eval(), outcome.pairs, speed)
 
         return run_ablation(recipe, pairs, variants, train, footage, folder, should_stop=stop, report=_say())
+
+
+def _check_place(folder: Path) -> None:
+    """Before hours of work: can the results be written there? Raises InputError."""
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        if not nearest.is_dir():
+            raise NotADirectoryError(f"{nearest} is a file")
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"--out {folder}: cannot be written ({error.strerror or error}); choose another folder"
+        ) from error
 
 
 def _averaged(recipe: Recipe, folder: Path) -> nn.Module:

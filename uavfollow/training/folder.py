@@ -6,29 +6,45 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tracker.training.checkpoint import RECIPE, has_checkpoint, read_recipe
+from tracker.training.checkpoint import BEST, LAST, RECIPE, has_checkpoint, read_recipe
+from tracker.training.curves import CURVE, PICTURE, VALIDATION
+from tracker.training.export import BEST_WEIGHTS, VARIANT_PREFIX, WEIGHTS
 from tracker.training.recipe import Recipe
+from tracker.training.sources.packed import without_places
 from uavfollow.errors import InputError
-from uavfollow.record.output import free_folder
+from uavfollow.record.output import numbered_folders
+
+# What a run writes beside its recipe: found without one it is of something else, and would be written over.
+TRACES = (CURVE, VALIDATION, PICTURE, LAST, f"{WEIGHTS}.*", f"{BEST_WEIGHTS}.*", f"{VARIANT_PREFIX}*")
 
 
 def run_folder(recipe: Recipe, out: Path | None, resume: bool) -> Path:
-    """The folder, made if need be. Raises InputError: a run lies there unasked, none to resume, another recipe."""
+    """The folder to run in, which need not be there yet; nothing is touched.
+
+    Raises InputError: a run or its files lie there unasked, none to resume, another recipe.
+    """
     if resume:
         return _to_resume(recipe, out)
-    folder = out or free_folder(f"train-{recipe.name}", RECIPE)
-    if (folder / RECIPE).exists():
-        raise InputError(f"--out {folder}: a run lies there; add --resume to go on with it, or choose another folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {folder}: cannot be made ({error.strerror or error}); choose another one") from error
-    return folder
+    if out is None:
+        return next(p for p in numbered_folders(f"train-{recipe.name}") if not (p / RECIPE).exists() and not _traces(p))
+    if (out / RECIPE).exists():
+        raise InputError(f"--out {out}: a run lies there; add --resume to go on with it, or choose another folder")
+    if found := _traces(out):
+        raise InputError(f"--out {out}: files of something else lie there ({found}): choose another folder")
+    return out
+
+
+def _traces(folder: Path) -> str:
+    """Names of files as a run writes them."""
+    return ", ".join(sorted({path.name for pattern in TRACES for path in folder.glob(pattern)}))
 
 
 def difference(then: Recipe, now: Recipe) -> str | None:
-    """The first difference of two recipes as `stages[0].lr was 0.001 and is 0.002`; None when they are the same."""
-    for path, old, new in _differences(then.model_dump(mode="json"), now.model_dump(mode="json"), ""):
+    """The first difference of two recipes as `stages[0].lr was 0.001 and is 0.002`; None when they are the same.
+
+    Where packed crops lie is none: a pack may be moved between one start of a run and the next.
+    """
+    for path, old, new in _differences(without_places(then), without_places(now), ""):
         return f"{path} was {_shown(old)} and is {_shown(new)}"
     return None
 
@@ -37,6 +53,8 @@ def _to_resume(recipe: Recipe, out: Path | None) -> Path:
     if out is None:
         raise InputError("--resume: name the folder of the run by --out DIR")
     then = read_recipe(out)
+    if then is None and (found := _traces(out)):
+        raise InputError(f"--out {out}: {RECIPE} is missing beside {found}: put it back, or choose another folder")
     if then is None:
         raise InputError(f"--out {out}: no run to resume lies there ({RECIPE} is missing); leave --resume out")
     if (changed := difference(then, recipe)) is not None:
@@ -44,8 +62,11 @@ def _to_resume(recipe: Recipe, out: Path | None) -> Path:
             f"--out {out}: its run has another recipe: {changed}; give the same recipe (and --minutes, --pairs, "
             "--packed as then), or start from its weights in a new folder (start.model)"
         )
-    if not has_checkpoint(out):
-        raise InputError(f"--out {out}: its run ended before the first checkpoint; delete the folder and start anew")
+    if not has_checkpoint(out) and (out / BEST).exists():
+        raise InputError(
+            f"--out {out}: {LAST} is missing; go on from the best validation (mv {out / BEST} {out / LAST}), or choose "
+            "another folder"
+        )
     return out
 
 

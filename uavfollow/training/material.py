@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from tracker.training.sources import open_footage, open_mix, reserved_names
 from tracker.training.sources.mix import Mix
 from tracker.training.types import Footage
 from uavfollow.errors import InputError
+from uavfollow.tell import tell
 
 
 def injected() -> Mapping[str, Callable[[Any], Any]]:
@@ -46,12 +46,8 @@ def footage_of_folders(folders: Iterable[Path]) -> list[Footage]:
 
 def tell_sources(mix: Mix) -> None:
     """One line per source on standard error: targets, share, what could not be used."""
-    if sys.stderr is None:
-        return
     for source, share in zip(mix.sources, mix.shares, strict=True):
         frames = sum(len(track.frames) for track in source.tracks)
-        print(
-            f"{source.name}: {len(source.tracks)} targets in {frames} views, {share:.1%} of the pairs", file=sys.stderr
-        )
+        tell(f"{source.name}: {len(source.tracks)} targets in {frames} views, {share:.1%} of the pairs")
         for line in source.skipped.lines():
-            print(f"  left out: {line}", file=sys.stderr)
+            tell(f"  left out: {line}")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
 
 from tracker.training.budget import rescale
+from tracker.training.checkpoint import has_checkpoint
 from tracker.training.distributed import World, joined
 from tracker.training.loop import Trainer
 from tracker.training.pairs import HostBatches
@@ -26,7 +28,10 @@ from tracker.training.teacher import Teacher
 from tracker.training.types import Batches, Footage
 from tracker.training.validate import mean_score
 from uavfollow.errors import InputError
+from uavfollow.interrupts import orderly_end
+from uavfollow.tell import tell
 from uavfollow.training.folder import run_folder
+from uavfollow.training.lock import held
 from uavfollow.training.material import open_sources, open_validation, tell_sources
 from uavfollow.training.progress import TrainProgress
 from uavfollow.training.stop import stop_on_signal
@@ -76,6 +81,7 @@ class RunResult:
                 {"pairs": v.pairs, "sequences": {s.name: {"auc": s.auc, "p20": s.p20} for s in v.scores}, **_mean(v)}
                 for v in outcome.validations
             ],
+            "notes": list(outcome.notes),
             "files": [str(path) for path in outcome.files],
         }
 
@@ -90,16 +96,18 @@ def run_training(recipe: Recipe, options: RunOptions) -> RunResult:
     """Train until the recipe is done or a signal asks to stop. Raises InputError, TrainingError, WeightsError."""
     device = choose_device(options.device)
     recipe = effective_recipe(recipe, options)
-    with joined(device.type == "cuda") as world:
+    _check_resident(recipe, options)
+    with orderly_end(), joined(device.type == "cuda") as world:
         if device.type == "cuda":
             device = torch.device("cuda", world.local_rank)
-        folder = _agreed_folder(world, recipe, options)
-        mix, footage = open_sources(recipe, options.data), open_validation(recipe, options.data)
-        if world.leads:
-            tell_sources(mix)
-            print(f"{recipe.name} on {device} in {folder}", file=sys.stderr)
-        outcome = train_in(folder, recipe, options, mix, footage, device, world)
-        return RunResult(folder, outcome, world.leads)
+        with _agreed_folder(world, recipe, options) as folder:
+            parts = _parts(recipe, options, device)  # before the data, whose opening takes minutes
+            data = (open_sources(recipe, options.data), open_validation(recipe, options.data))
+            if world.leads:
+                tell_sources(data[0])
+                tell(f"{recipe.name} on {device} in {folder}{_from_where(folder, options)}")
+            outcome = _train(folder, recipe, options, parts, data, device, world, options.resume)
+            return RunResult(folder, outcome, world.leads)
 
 
 def train_in(
@@ -112,20 +120,41 @@ def train_in(
     world: World,
     should_stop: Callable[[], bool] | None = None,
 ) -> Outcome:
-    """The run itself, with what was opened for it; `should_stop` in place of signals."""
-    if options.threads is not None:
-        torch.set_num_threads(options.threads)
+    """A run in a folder, or the rest of the one that lies there, with what was opened for it.
+
+    `should_stop` in place of signals. Raises InputError when another run is writing there.
+    """
+    _check_resident(recipe, options)
+    with held(folder) if world.leads else nullcontext():
+        parts = _parts(recipe, options, device)
+        return _train(folder, recipe, options, parts, (mix, footage), device, world, True, should_stop)
+
+
+def _train(
+    folder: Path,
+    recipe: Recipe,
+    options: RunOptions,
+    parts: tuple[nn.Module, Teacher | None],
+    data: tuple[Mix, list[Footage]],
+    device: torch.device,
+    world: World,
+    resume: bool,
+    should_stop: Callable[[], bool] | None = None,
+) -> Outcome:
+    network, teacher = parts
+    mix, footage = data
     batches_for, workers = _batches(recipe, options, mix, device, world)
     trainer = Trainer(
         recipe,
-        start_network(recipe),
+        network,
         batches_for,
         folder,
         device=device,
         world=world,
         footage=footage,
         workers=workers,
-        teacher=Teacher(recipe.teacher, device) if recipe.teacher else None,
+        teacher=teacher,
+        resume=resume,
     )
     progress = TrainProgress(quiet=not world.leads)
     try:
@@ -160,6 +189,7 @@ def outcome_lines(result: RunResult) -> list[str]:
             lines.append(
                 f"  validation at {validated.pairs} pairs: AUC {mean.auc:.3f}, P20 {mean.p20:.3f} ({count} sequences)"
             )
+    lines += [f"  note: {note}" for note in outcome.notes]
     return [*lines, *(f"  wrote {path}" for path in outcome.files)]
 
 
@@ -168,11 +198,36 @@ def _mean(validated: Any) -> dict[str, float | None]:
     return {"auc": mean.auc if mean else None, "p20": mean.p20 if mean else None}
 
 
-def _agreed_folder(world: World, recipe: Recipe, options: RunOptions) -> Path:
-    """Process 0 chooses: on other hosts the next free number may be another."""
-    chosen = run_folder(recipe, options.out, options.resume) if world.leads else None
-    shared = world.share(None if chosen is None else os.fsencode(chosen))
-    return Path(os.fsdecode(shared or b""))
+@contextmanager
+def _agreed_folder(world: World, recipe: Recipe, options: RunOptions) -> Iterator[Path]:
+    """Process 0 chooses, for on other hosts the next free number may be another, and holds it inside."""
+    with ExitStack() as stack:
+
+        def choose() -> bytes:
+            chosen = run_folder(recipe, options.out, options.resume)
+            stack.enter_context(held(chosen))
+            run_folder(recipe, chosen, options.resume)  # another run may have ended there before it was ours
+            return os.fsencode(chosen)
+
+        yield Path(os.fsdecode(world.led(choose) or b""))
+
+
+def _from_where(folder: Path, options: RunOptions) -> str:
+    if not options.resume:
+        return ""
+    return ", resumed" if has_checkpoint(folder) else ": it ended before its first checkpoint and begins anew at step 0"
+
+
+def _parts(recipe: Recipe, options: RunOptions, device: torch.device) -> tuple[nn.Module, Teacher | None]:
+    """The network to begin with and its teacher. Raises TrainingError when the recipe's weights cannot be had."""
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    return start_network(recipe), Teacher(recipe.teacher, device) if recipe.teacher else None
+
+
+def _check_resident(recipe: Recipe, options: RunOptions) -> None:
+    if options.resident and not all(isinstance(spec, Packed) for spec in recipe.sources):
+        raise InputError("--resident keeps packed crops on the device; give --packed DIR (made by train prepare)")
 
 
 def _batches(
@@ -181,8 +236,6 @@ def _batches(
     """What makes the batches of a stage, and the processes that help it."""
     if not options.resident:
         return (lambda stage: HostBatches(mix, recipe, stage, world.rank, world.size)), _workers(options, device, world)
-    if not all(isinstance(spec, Packed) for spec in recipe.sources):
-        raise InputError("--resident keeps packed crops on the device; give --packed DIR (made by train prepare)")
     return resident_batches(mix, recipe, device, world.rank, world.size), 0
 
 

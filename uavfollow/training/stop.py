@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from uavfollow.interrupts import ENDING
+from uavfollow.tell import tell
 
 STOPPING = "stopping: the step is finished and everything saved; Ctrl-C once more gives up"
 
@@ -28,9 +28,9 @@ class Stop:
         if self.wanted and number == signal.SIGINT:
             raise KeyboardInterrupt
         # torchrun passes a SIGTERM on to a process that the terminal has told already: it is the same wish.
-        if not self.wanted and sys.stderr is not None:
-            print(f"\n{STOPPING}", file=sys.stderr, flush=True)
-        self.wanted = True
+        told, self.wanted = self.wanted, True
+        if not told:
+            tell(f"\n{STOPPING}")
 
 
 @contextmanager

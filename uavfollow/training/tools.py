@@ -21,6 +21,7 @@ from tracker.training.widen import widen
 from tracker.weights.card import card_path, sha256_of, write_card
 from tracker.weights.store import SUFFIX, load, save
 from uavfollow.errors import InputError
+from uavfollow.interrupts import orderly_end
 from uavfollow.progress import ProgressLine
 from uavfollow.training.material import open_sources, tell_sources
 
@@ -29,7 +30,7 @@ SETTINGS_NOTE = "widened from {name} (sha256 {sha256}): the same maps at four ti
 
 
 def pack(recipe: Recipe, data: Path, out: Path, crop_px: int | None, limit: int | None, workers: int) -> PackReport:
-    """Pack the recipe's sources into the new folder `out`. Raises TrainingError."""
+    """Pack the recipe's sources into the new folder `out`. Raises TrainingError, KeyboardInterrupt on a signal."""
     mix = open_sources(recipe, data)
     tell_sources(mix)
     line = ProgressLine()
@@ -39,7 +40,8 @@ def pack(recipe: Recipe, data: Path, out: Path, crop_px: int | None, limit: int 
             line.write(f"{name}: {done}/{total} crops")
 
     try:
-        return prepare(mix, recipe, out, crop_px, limit_per_source=limit, progress=show, workers=workers)
+        with orderly_end():  # so that the hidden folder does not stay behind
+            return prepare(mix, recipe, out, crop_px, limit_per_source=limit, progress=show, workers=workers)
     finally:
         line.close()
 
@@ -102,6 +104,8 @@ def widened(model: str, out: Path) -> dict[str, Any]:
     if not out.parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}; make it first")
     weights = load(model)
+    if weights.size == "full":
+        raise InputError(f"{model} is already of size full; only weights of size s can be widened")
     tensors = widen(weights.tensors)
     save(out, tensors)
     card: dict[str, Any] = {

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors import SafetensorError
+from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from tracker.box import Box
@@ -17,7 +19,7 @@ from tracker.training import ablation as ablation_module
 from tracker.training.ablation import SweepPoint, TrainedVariant, run_ablation, sweep_w1, variant_recipe
 from tracker.training.ablation_report import FILES, as_markdown
 from tracker.training.errors import TrainingError
-from tracker.training.recipe import Recipe, Simulator, Stage, Start, Teacher, Validation, Variant
+from tracker.training.recipe import Packed, Recipe, Simulator, Stage, Start, Teacher, Validation, Variant
 from tracker.training.types import Footage
 from tracker.training.validate import SETTINGS
 
@@ -191,6 +193,89 @@ def test_w1_is_swept_on_the_trained_aan_and_once(tmp_path: Path, monkeypatch: py
     assert run_ablation(RECIPE, 400, (Variant.AAN,), train, footage(2), tmp_path, w1_values=(1.2,)) == found
     assert len(swept) == 1
     assert run_ablation(RECIPE, 400, (Variant.AAN,), train, footage(2), tmp_path, w1_values=(0.9,)) != found
+
+
+@pytest.fixture
+def swept_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], object]:
+    """A study of the aan with a sweep in `tmp_path`, and what does it again; tells whether it swept again."""
+    monkeypatch.setitem(ablation_module.SIZES, "s", TINY)
+    torch.manual_seed(1)
+    network = SiamAPNpp(TINY).eval()
+    count = 0
+    sweep = ablation_module.sweep_w1
+
+    def watched(*arguments: object) -> object:
+        nonlocal count
+        count += 1
+        return sweep(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ablation_module, "sweep_w1", watched)
+
+    def again() -> int:
+        train = Trainer(lambda: network)
+        found = run_ablation(RECIPE, 400, (Variant.AAN,), train, footage(2), tmp_path, w1_values=(1.2,))
+        assert found is not None
+        assert [point.w1 for point in found.sweep] == [1.2]
+        return count
+
+    assert again() == 1
+    return again
+
+
+@pytest.mark.parametrize("content", ["{", "{}", "[]", "[" * 100_000, '{"key": KEY, "points": [{"w1": "x"}]}'])
+def test_a_damaged_sweep_is_done_again(tmp_path: Path, swept_once: Callable[[], object], content: str) -> None:
+    key = json.dumps(json.loads((tmp_path / "w1.json").read_text())["key"])
+    (tmp_path / "w1.json").write_text(content.replace("KEY", key))
+    assert swept_once() == 2
+    assert swept_once() == 2
+
+
+@pytest.mark.parametrize("damaged", [b"", b"123456789", "other"])
+def test_damaged_weights_of_the_aan_are_told(
+    tmp_path: Path, swept_once: Callable[[], object], damaged: bytes | str
+) -> None:
+    (tmp_path / "w1.json").unlink()
+    own = tmp_path / "variants" / "aan"
+    path = own / "weights.safetensors"
+    if isinstance(damaged, bytes):
+        path.write_bytes(damaged)
+    else:
+        save_file({"x": torch.zeros(2)}, path)
+    with pytest.raises(TrainingError) as caught:
+        swept_once()
+    assert str(caught.value).startswith(f"{path}: not the trained weights (")
+    assert str(caught.value).endswith(f"; delete {own} to train anew")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_result_with_texts_for_numbers_is_none(tmp_path: Path) -> None:
+    run_ablation(RECIPE, 400, (Variant.AAN,), Trainer(), footage(), tmp_path, w1_values=())
+    path = next(tmp_path.rglob("result.json"))
+    told = json.loads(path.read_text())
+    told["result"]["auc"] = "much"
+    path.write_text(json.dumps(told))
+    with pytest.raises(TrainingError, match="not a result of an ablation"):
+        run_ablation(RECIPE, 400, (Variant.AAN,), Trainer(), footage(), tmp_path, w1_values=())
+
+
+def test_a_full_disk_is_told_and_the_variant_not_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(tensors: object, path: Path) -> None:
+        path.write_bytes(b"a part")
+        raise SafetensorError("No space left on device")
+
+    monkeypatch.setattr(ablation_module, "save_file", full)
+    with pytest.raises(TrainingError, match=r"aan: cannot be written \(No space left on device\); make room"):
+        run_ablation(RECIPE, 400, (Variant.AAN,), Trainer(), footage(), tmp_path, w1_values=())
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_a_pack_that_was_moved_makes_no_other_study(tmp_path: Path) -> None:
+    packs = [Packed(kind="packed", path=f"/{place}", set_name="a") for place in ("here", "there")]
+    one, other = (RECIPE.model_copy(update={"sources": (pack,)}) for pack in packs)
+    found = run_ablation(one, 400, (Variant.AAN,), Trainer(), footage(), tmp_path, w1_values=())
+    train = Trainer()
+    assert run_ablation(other, 400, (Variant.AAN,), train, footage(), tmp_path, w1_values=()) == found
+    assert train.asked == []
 
 
 def test_the_recipe_of_a_variant() -> None:

@@ -116,7 +116,8 @@ def test_tables_grow_row_by_row_and_are_cut_on_resume(tmp_path: Path) -> None:
         curves.add(_row(pairs), {"total": 5.0 - pairs / 100, "cls": 0.25})
         curves.add_validation(pairs, 1.0, (SequenceScore("a", 9, 0.5, 1.0), SequenceScore("b", 0, None, None)))
     assert [r["total"] for r in read_rows(tmp_path / CURVE)] == ["4", "3", "2"]
-    Curves(tmp_path).cut(200)
+    scores = (SequenceScore("a", 9, 0.5, 1.0), SequenceScore("b", 0, None, None))
+    Curves(tmp_path).cut(200, [Validated(at, 1.0, scores) for at in (100, 200)])
     assert [r["pairs"] for r in read_rows(tmp_path / CURVE)] == ["100", "200"]
     last = read_rows(tmp_path / VALIDATION)[-1]
     assert (last["sequence"], last["pairs"], last["auc"]) == (

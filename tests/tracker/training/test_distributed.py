@@ -55,6 +55,7 @@ def _train(
         device=CPU,
         world=world,
         footage=[footage(frames=3)] if world.leads else [],
+        resume=True,
     )
     # The clocks differ, and one process alone is asked to stop: all must agree.
     stop = never if stop_after is None or world.leads else after(stop_after)
@@ -77,6 +78,36 @@ def _process(rank: int, size: int, folder: Path) -> None:
         if stopped_at != 2:
             raise AssertionError(f"stopped at step {stopped_at}")
         _train(folder / "norm", world, fixed_norm=False)
+
+
+def _left_alone(rank: int, size: int, folder: Path) -> None:
+    os.environ.update(RANK=str(rank), WORLD_SIZE=str(size), LOCAL_RANK=str(rank))
+    with joined(use_cuda=False, init_method=f"file://{folder}/meet") as world:
+        if world.led(lambda: b"given") != b"given":
+            raise AssertionError("process 0's choice did not arrive")
+        assert world.led(lambda: None) is None
+
+        def refuses() -> bytes:
+            raise TrainingError("no such folder")
+
+        with pytest.raises(TrainingError, match="^no such folder$" if world.leads else "^$"):
+            world.led(refuses)
+        world.wait()
+        if world.leads:
+            return
+        with pytest.raises(
+            TrainingError, match=r"another process of this run ended \(.+\); its message says why; go on"
+        ):
+            world.wait()
+        if not world.lost(RuntimeError("[gloo/transport/tcp/pair.cc:534] Connection closed by peer")):
+            raise AssertionError("the error of a backward pass is not told as that of another process")
+    (folder / "told").touch()
+
+
+def test_process_0_alone_says_why_and_one_left_alone_says_so(tmp_path: Path) -> None:
+    mp.spawn(_left_alone, (2, tmp_path), nprocs=2)
+    assert (tmp_path / "told").exists()
+    assert not World().lost(RuntimeError("Connection closed by peer"))
 
 
 def _losses(folder: Path) -> list[float]:

@@ -54,7 +54,9 @@ def _run(
 ) -> tuple[Outcome, nn.Module]:
     folder.mkdir(exist_ok=True)
     network = tiny_network()
-    trainer = Trainer(plan, network, batches_for or _blobs(), folder, device=CPU, world=World(), footage=items or ())
+    trainer = Trainer(
+        plan, network, batches_for or _blobs(), folder, device=CPU, world=World(), footage=items or (), resume=True
+    )
     seen = reports if reports is not None else []
     return trainer.run(should_stop, clock or Clock(0.5), seen.append), network
 
@@ -222,7 +224,7 @@ def test_a_checkpoint_of_another_network_or_a_damaged_one(tmp_path: Path) -> Non
     _run(recipe(stage(2)), tmp_path)
     other = nn.Module()
     other.backbone = nn.Linear(2, 2)
-    trainer = Trainer(recipe(stage(2)), other, _blobs(), tmp_path, device=CPU, world=World())
+    trainer = Trainer(recipe(stage(2)), other, _blobs(), tmp_path, device=CPU, world=World(), resume=True)
     with pytest.raises(TrainingError, match=r"last\.ckpt.*another network"):
         trainer.run(never, Clock(), lambda _: None)
     (tmp_path / LAST).write_bytes((tmp_path / LAST).read_bytes()[:-100])

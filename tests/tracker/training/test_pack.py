@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
 
 from tracker.box import Box
 from tracker.siamapnpp.crop import CropGeometry, crop_square, exemplar_side_px
@@ -183,6 +185,7 @@ def test_processes_pack_the_same_files(packed, tmp_path):
 def test_what_cannot_be_read_is_counted_and_left_out(tmp_path):
     told = []
     mix = drawn_mix(broken=[(0, 0), (0, 1), (0, 2), (1, 1)])
+    mix.sources[1].skipped.add("unreadable sequence", "\udcff")  # a name that is no text
     report = prepare(mix, recipe_of(), tmp_path / "p", progress=lambda *args: told.append(args))
     assert report.skipped.counts["unreadable picture"] == 4
     assert "4 unreadable picture: my videos/0/0.jpg: cut short" in (tmp_path / "p" / "pack.json").read_text()
@@ -206,6 +209,55 @@ def test_interrupted_it_leaves_nothing(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         prepare(drawn_mix(), recipe_of(), tmp_path / "p", progress=interrupt)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [SafetensorError("No space left on device"), OSError(28, "No space left on device")])
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path, monkeypatch, error):
+    def full(tensors, path):
+        path.write_bytes(b"the part that there was room for")
+        raise error
+
+    monkeypatch.setattr(pack, "save_file", full)
+    with pytest.raises(TrainingError, match=r"p: cannot be written \(No space left on device\); make room, or choose"):
+        prepare(drawn_mix(), recipe_of(), tmp_path / "p")
+    assert list(tmp_path.iterdir()) == []
+
+
+class Misplaced(Drawn):
+    """Its boxes lie beside the pictures, as those of a table with exchanged columns do."""
+
+    def view(self, track, index):
+        view = super().view(track, index)
+        return View(view.image_bgr_u8, Box(9000.0, 50.0, 20.0, 20.0), view.fill_bgr) if track == 0 else view
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_boxes_that_cannot_be_used_are_not_called_pictures_that_cannot(tmp_path, workers):
+    mix = Mix((Misplaced("a", [Track(f"t{i}", (0, 1), None, f"g{i}") for i in range(2)], 5, [(1, 0)]),), np.ones(1))
+    report = prepare(mix, recipe_of(("a",)), tmp_path / "p", workers=workers)
+    assert report.skipped.lines() == [
+        "2 box that cannot be used: t0 frame 0: box outside the picture, t0 frame 1: box outside the picture",
+        "1 unreadable picture: a/1/0.jpg: cut short",
+    ]
+
+
+def test_one_frame_of_a_video_is_too_few_and_one_still_picture_is_not(tmp_path):
+    with pytest.raises(
+        TrainingError, match=r"source `my videos`: limit 1: a pair needs 2 frames of a video.*at least 2"
+    ):
+        prepare(drawn_mix(), recipe_of(), tmp_path / "p", limit_per_source=1)
+    assert list(tmp_path.iterdir()) == []
+    stills = Mix(drawn_mix().sources[:1], np.ones(1))
+    assert prepare(stills, recipe_of(("stills",)), tmp_path / "p", limit_per_source=1).sources[0].crops == 1
+
+
+@pytest.mark.parametrize("track", [Track("t\udcff", (0, 1), None, "a/g"), Track("t", (0, 1), None, "a/\udcff")])
+def test_names_that_are_no_text_are_told_before_the_work(tmp_path, track):
+    told = []
+    with pytest.raises(TrainingError, match=r"source `a`: 't.*' is not UTF-8, as pack.json must be; rename"):
+        prepare(Mix((Drawn("a", [track]),), np.ones(1)), recipe_of(("a",)), tmp_path / "p", None, None, told.append)
+    assert told == []
     assert list(tmp_path.iterdir()) == []
 
 
@@ -298,6 +350,28 @@ def edit(pack_folder, change):
     path.write_text(json.dumps(data))
 
 
+def tracks_of(data):
+    return data["sources"][1]["tracks"]
+
+
+def shortened(tracks):
+    for column in ("names", "label", "group"):
+        tracks[column].pop()
+
+
+def counted(data, crops):
+    data["sources"][1].update(crops=crops)
+    data["sources"][1]["shards"][0].update(crops=crops)
+
+
+def retold(pack_folder, name, change):
+    """Write a shard again with one of its tensors changed."""
+    path = pack_folder / "my_videos-000.safetensors"
+    tensors = load_file(path)
+    save_file(tensors | {name: change(tensors[name])}, path)
+    edit(pack_folder, lambda d: d["sources"][1]["shards"][0].update(size_bytes=path.stat().st_size))
+
+
 DAMAGE = {
     "no such folder": (lambda p: [f.unlink() for f in p.iterdir()], "no pack .*pack.json.*train prepare"),
     "another schema": (lambda p: edit(p, lambda d: d.update(schema_version=9)), "schema 9, this program reads 1"),
@@ -311,8 +385,53 @@ DAMAGE = {
         lambda p: (p / "my_videos-000.safetensors").write_bytes(b"12"),
         r"my_videos-000.safetensors: 2 bytes, pack.json says \d+",
     ),
-    "other counts": (lambda p: edit(p, lambda d: d["sources"][1]["shards"][0].update(crops=5)), r"offset is \[10\]"),
-    "other tracks": (lambda p: edit(p, lambda d: d["sources"][1]["tracks"]["names"].pop()), "tracks of `my videos`"),
+    "other counts": (lambda p: edit(p, lambda d: counted(d, 5)), r"offset is \[10\]"),
+    "counts that do not add up": (
+        lambda p: edit(p, lambda d: d["sources"][1].update(crops=5)),
+        r"pack.json: sources.1: crops 5: its shards hold 9; make the pack again",
+    ),
+    "other tracks": (lambda p: edit(p, lambda d: shortened(tracks_of(d))), "tracks of `my videos`"),
+    "not UTF-8": (
+        lambda p: (p / "pack.json").write_bytes(b'{"schema_version": 1, "recipe": "\xe9"}'),
+        "pack.json: is not UTF-8 text .*make the pack again",
+    ),
+    "columns of other lengths": (
+        lambda p: edit(p, lambda d: tracks_of(d)["group"].pop()),
+        "pack.json: sources.1.tracks: names, label and group have 3, 3, 2 entries; make",
+    ),
+    "a label beyond": (
+        lambda p: edit(p, lambda d: tracks_of(d).update(label=[-1, 0, -1])),
+        "pack.json: sources.1.tracks: label 0: must be from -1 to -1",
+    ),
+    "a label below": (lambda p: edit(p, lambda d: tracks_of(d).update(label=[-1, -2, -1])), "label -2: must"),
+    "a group beyond": (
+        lambda p: edit(p, lambda d: tracks_of(d).update(group=[0, 1, 3])),
+        "sources.1.tracks: group 3: must be from 0 to 2, a number into groups",
+    ),
+    "a group below": (lambda p: edit(p, lambda d: tracks_of(d).update(group=[0, 1, -1])), "group -1: must be from 0"),
+    "a frame range below 0": (
+        lambda p: edit(p, lambda d: d["sources"][1].update(frame_range=-1)),
+        "pack.json: sources.1.frame_range: Input should be greater than or equal to 0",
+    ),
+    "the same source twice": (
+        lambda p: edit(p, lambda d: d["sources"].append(d["sources"][0])),
+        "pack.json: the file: sources: the source stills is there twice",
+    ),
+    "share 0": (lambda p: edit(p, lambda d: d["sources"][0].update(share=0)), r"sources.0.share: .*greater than 0"),
+    "crop_px 0": (
+        lambda p: edit(p, lambda d: d.update(crop_px=0)),
+        "pack.json: crop_px: .*greater than or equal to 287",
+    ),
+    "a shard elsewhere": (
+        lambda p: edit(p, lambda d: d["sources"][0]["shards"][0].update(file="../my_videos-000.safetensors")),
+        "sources.0.shards.0.file: String should match",
+    ),
+    "offsets out of order": (lambda p: retold(p, "offset", lambda t: t[[0, 2, 1, *range(3, 10)]]), "table of pictures"),
+    "frames out of order": (lambda p: retold(p, "frame", lambda t: t[::-1].copy()), "frames of `my videos` are not in"),
+    "numbers of another type": (
+        lambda p: retold(p, "track", lambda t: t.astype(np.float32)),
+        "track is F32 of 1 dimensions, not I32 of 1",
+    ),
 }
 
 
@@ -373,6 +492,15 @@ def test_device_and_host_make_the_same_pairs(packed):
         apart = (one.float() - other.float()).abs().mean(dim=(1, 2, 3))
         assert apart.max() < limit
         assert apart.mean() < 2.5
+
+
+def test_patches_go_to_the_device_together(packed, monkeypatch):
+    mix, recipe = packed_mix(packed, batch=16, pairing={"negative": 0, "distractor": 0, "patch": 1})
+    batches, copies = DeviceBatches(mix, recipe, 0, CPU), []
+    copy = resident.to_device
+    monkeypatch.setattr(resident, "to_device", lambda array, device: copies.append(array.shape) or copy(array, device))
+    batches.batch(0)
+    assert sorted(copies) == [(16,), (16,), (16, 4), (32,)]  # flags, which are patches, their boxes, crops
 
 
 def test_device_batches_of_two_processes_and_stages(packed):

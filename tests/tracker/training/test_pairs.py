@@ -217,7 +217,10 @@ def test_unreadable_pictures_are_counted_and_drawn_again():
 
 def test_a_source_that_is_gone_is_an_error_with_its_name():
     source = Drawn("gone", [video("v", range(2))], broken=[(0, 0), (0, 1)])
-    with pytest.raises(TrainingError, match=r"source `gone`: 20 pictures in a row .*gone/0/\d.jpg: cut short"):
+    told = (
+        r"source `gone`: 20 picks in a row could not be used, the last: gone/0/\d.jpg: cut short; are its files there"
+    )
+    with pytest.raises(TrainingError, match=told):
         HostBatches(mix_of(source), recipe_of(), 0).batch(0)
     assert source.asked == 20
 

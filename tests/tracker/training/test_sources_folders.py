@@ -261,6 +261,30 @@ def test_missing_and_empty_folders_are_errors_that_say_what_was_expected(tmp_pat
         folders(tmp_path)
 
 
+def test_a_sequence_in_place_of_its_parent_is_told_what_to_give(tmp_path, monkeypatch):
+    make_folders(tmp_path / "otb", ("bag",), frames=2)
+    make_got10k(tmp_path / "got", ("GOT_1",), frames=2)
+    told = r"path .*bag: is a sequence itself; give its parent, path: /.*/otb, and only: \[bag\]"
+    with pytest.raises(TrainingError, match=told):
+        folders(tmp_path / "otb" / "bag")
+    monkeypatch.chdir(tmp_path / "otb" / "bag")
+    with pytest.raises(TrainingError, match=r"only: \[bag\]"):
+        open_source(Folders(kind="folders", path="."), Path(), {}, frozenset())
+    with pytest.raises(TrainingError, match=r"is a sequence itself.*/got, and only: \[GOT_1\]"):
+        got10k(tmp_path / "got" / "GOT_1")
+
+
+def test_excluding_everything_is_said(tmp_path):
+    make_folders(tmp_path, ("a", "b", "c"), frames=2)
+    with pytest.raises(TrainingError, match=r"exclude: all sequences were excluded \(3\); leave some in"):
+        folders(tmp_path, exclude=("a", "b", "c"))
+    with pytest.raises(TrainingError, match=r"exclude: all sequences of only were excluded \(1\)"):
+        folders(tmp_path, only=("a",), exclude=("a",))
+    with pytest.raises(TrainingError, match=r"all sequences but the 1 that validation uses were excluded \(2\)"):
+        folders(tmp_path, exclude=("a", "b"), reserved=frozenset("c"))
+    assert [t.name for t in folders(tmp_path, exclude=("a", "b")).tracks] == ["c"]
+
+
 def test_a_set_that_yields_nothing_says_what_was_skipped(tmp_path):
     make_sequence(tmp_path / "s", boxes=[None, None])
     make_sequence(tmp_path / "t", boxes=[(5, 5, 8, 8)])

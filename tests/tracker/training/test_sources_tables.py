@@ -26,6 +26,7 @@ from tracker.training.errors import TrainingError
 from tracker.training.recipe import Coco, Stills, Vid, VideoFiles, YoutubeBB
 from tracker.training.sources import open_source
 from tracker.training.sources.captures import READ_ON_FRAMES, Captures
+from tracker.training.sources.faults import kind_of
 from tracker.training.types import Source, View
 
 NOWHERE = Path("/nowhere")
@@ -123,6 +124,9 @@ class TestStills:
         fault = unknown.view(1, 0)
         assert isinstance(fault, str)
         assert "box above max_area_share 0.7" in fault
+        assert kind_of(fault) == "box that cannot be used"
+        (tmp_path / "images" / "000.jpg").write_bytes(b"")
+        assert kind_of(unknown.view(1, 0)) == "unreadable picture"
 
     def test_reserved_and_excluded_pictures(self, tmp_path):
         table = make_stills(tmp_path, pictures=3, boxes=2)
@@ -184,6 +188,30 @@ class TestCoco:
         table.write_text('{"images": [')
         with pytest.raises(TrainingError, match=r"annotations .*instances_tiny\.json: .*expected the published"):
             coco((table, images))
+
+
+def test_a_table_whose_header_is_endless_is_no_csv(tmp_path):
+    table = tmp_path / "annotations.csv"
+    table.write_text("image," + "x" * 200_000 + ",y,w,h\n")
+    with pytest.raises(TrainingError, match=r"annotations.csv:1: no header of a CSV \(field larger than"):
+        stills(table)
+
+
+def test_numbers_and_depths_that_json_cannot_mean(tmp_path):
+    table, images = make_coco(tmp_path)
+    whole = table.read_text()
+    table.write_text("[" * 200_000)
+    with pytest.raises(
+        TrainingError, match=r"annotations .*instances_tiny.json: .*recursion.*; expected the published"
+    ):
+        coco((table, images))
+    table.write_text(whole.replace('"width": 160', f'"width": 1{"0" * 400}').replace("20.0, 25.0", f"1{'0' * 400}, 25"))
+    source = coco((table, images))
+    assert len(source.tracks) == 3
+    assert source.skipped.counts["annotation without a box or a picture"] == 1
+    table.write_text(whole.replace('"width": 160', f'"width": 1{"0" * 5000}'))
+    with pytest.raises(TrainingError, match=r"instances_tiny.json: .*4300 digits"):
+        coco((table, images))
 
 
 class TestVid:

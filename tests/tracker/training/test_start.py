@@ -74,7 +74,7 @@ def test_widen_gives_the_same_maps_as_the_s() -> None:
             assert (a - b).abs().max() < 1e-3
     weight = network.state_dict()["new.conv4.0.weight"]
     assert not torch.equal(weight[:, :128], weight[:, 128:]), "the copies must be able to part"
-    with pytest.raises(TrainingError, match=r"start\.widen: full is of size full, not s"):
+    with pytest.raises(TrainingError, match=r"start\.widen: full is already of size full; give start\.model"):
         start_network(_recipe(size="full", start={"widen": "full"}))
 
 

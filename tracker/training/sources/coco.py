@@ -60,7 +60,7 @@ def _add(annotation: Any, images: dict[Any, _Image | None], labels: dict[Any, st
         return None  # the picture was left out, and counted there
     try:
         box = valid_box([float(v) for v in annotation.box])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         box = None
     if box is None:
         return "annotation without a box or a picture"
@@ -105,7 +105,7 @@ def _load(table: Path) -> dict[str, list[Any]]:
     try:
         with open_text(table) as file:
             content = json.load(file, object_hook=_small)
-    except (json.JSONDecodeError, OSError) as error:
+    except (ValueError, OSError, RecursionError) as error:  # ValueError: no JSON, or a number of thousands of digits
         raise TrainingError(f"annotations {table}: {error}; expected {EXPECTED}") from None
     lists: dict[str, list[Any]] = {}
     for key in LISTS:

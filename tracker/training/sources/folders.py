@@ -13,6 +13,7 @@ from tracker.training.sources.sequences import (
     SequenceFiles,
     chosen,
     footage_of,
+    is_one_sequence,
     join,
     list_pictures,
     natural,
@@ -67,6 +68,8 @@ def _find(folder: Path) -> dict[str, str]:
                 )
             found[sequence.name] = place
     if not found:
+        if _truth_file(folder):
+            raise is_one_sequence(folder)
         raise TrainingError(f"path {folder}: no sequence there; expected {EXPECTED}")
     return found
 

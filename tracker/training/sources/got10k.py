@@ -9,7 +9,16 @@ from tracker.training.errors import TrainingError
 from tracker.training.recipe import Got10k
 from tracker.training.source_names import source_name
 from tracker.training.sources.limits import Choice
-from tracker.training.sources.sequences import SequenceFiles, chosen, footage_of, join, natural, read_all, source_of
+from tracker.training.sources.sequences import (
+    SequenceFiles,
+    chosen,
+    footage_of,
+    is_one_sequence,
+    join,
+    natural,
+    read_all,
+    source_of,
+)
 from tracker.training.sources.table_source import TableSource
 from tracker.training.sources.text import need_folder, read_flags, read_lines, read_text, read_truth
 from tracker.training.types import Footage, Skipped
@@ -45,6 +54,8 @@ def _names(folder: Path) -> list[str]:
     else:
         names = sorted((p.name for p in folder.iterdir() if (p / TRUTH).is_file()), key=natural)
     if not names:
+        if (folder / TRUTH).is_file():
+            raise is_one_sequence(folder)
         raise TrainingError(f"path {folder}: no sequence there; expected {EXPECTED}")
     return names
 

@@ -56,23 +56,36 @@ class Choice:
         self._skipped = skipped
         self._seen: set[str] = set()
         self._some: str | None = None
+        self._used, self._excluded, self._kept_back = 0, 0, 0
 
     def admits(self, name: str) -> bool:
         """Is this sequence used? To be asked once for each; what is left out for validation is counted."""
         self._some = self._some or name
         if name in self._only or name in self._exclude:
             self._seen.add(name)
-        if name in self._exclude or (self._only and name not in self._only):
+        if self._only and name not in self._only:
+            return False
+        if name in self._exclude:
+            self._excluded += 1
             return False
         if name in self._reserved:
+            self._kept_back += 1
             self._skipped.add("reserved for validation", name)
             return False
+        self._used += 1
         return True
 
     def close(self, where: str, known: Iterable[str] = ()) -> None:
-        """After the last one: a name in `only` that is nowhere is a TrainingError, one in `exclude` is counted."""
+        """After the last one. A name in `exclude` that is nowhere is counted.
+
+        Raises TrainingError for a name in `only` that is nowhere, and when `exclude` leaves nothing.
+        """
         for name in sorted(self._only - self._seen):
             example = f"; a name looks like {self._some}" if self._some else ""
             raise TrainingError(f"{where}: only: there is no sequence {name}{suggestion(name, known) or example}")
         for name in sorted(self._exclude - self._seen):
             self._skipped.add("name in exclude that is not there", name)
+        if self._excluded and not self._used:
+            most = "all sequences of only" if self._only else "all sequences"
+            but = f" but the {self._kept_back} that validation uses" if self._kept_back else ""
+            raise TrainingError(f"{where}: exclude: {most}{but} were excluded ({self._excluded}); leave some in")

@@ -92,6 +92,8 @@ class PackedSource:
         owners = np.concatenate([one.get_tensor("track") for one in opened])
         if not np.array_equal(np.unique(owners), np.arange(len(packed.tracks.names))) or (np.diff(owners) < 0).any():
             raise TrainingError(f"{self.folder}: the tracks of `{packed.name}` do not match {PACK_FILE}; {AGAIN}")
+        if (frames < 0).any() or (np.diff(frames)[np.diff(owners) == 0] <= 0).any():
+            raise TrainingError(f"{self.folder}: the frames of `{packed.name}` are not in order; {AGAIN}")
         return frames, owners
 
 
@@ -151,6 +153,15 @@ def packed_recipe(recipe: Recipe, pack: Path) -> Recipe:
         )
     sources = tuple(_packed(spec, name, pack) for spec, name in zip(recipe.sources, named, strict=True))
     return recipe.model_copy(update={"sources": sources})
+
+
+def without_places(recipe: Recipe) -> dict[str, Any]:
+    """The recipe as plain values, without the paths of packs: what it does is the same wherever they lie."""
+    plain = recipe.model_dump(mode="json")
+    for source in plain["sources"]:
+        if source["kind"] == "packed":
+            del source["path"]
+    return plain
 
 
 def _name_in(there: set[str], spec: AnySource) -> str:

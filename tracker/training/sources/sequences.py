@@ -134,6 +134,14 @@ def footage_of(sequences: Iterable[SequenceFiles], folder: Path, skipped: Skippe
     return out
 
 
+def is_one_sequence(folder: Path) -> TrainingError:
+    """What to say of a sequence that was given in place of the folder of sequences that it lies in."""
+    place = folder.resolve()
+    return TrainingError(
+        f"path {folder}: is a sequence itself; give its parent, path: {place.parent}, and only: [{place.name}]"
+    )
+
+
 def chosen(names: Iterable[str], choice: Choice, where: str) -> list[str]:
     """The names that a source may use, in the given order. Raises TrainingError for one in `only` that is not there."""
     known = list(names)

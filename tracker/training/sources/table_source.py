@@ -11,6 +11,7 @@ from tracker.box import Box
 from tracker.messages import ImageU8
 from tracker.training.errors import TrainingError
 from tracker.training.recipe import SourceBase
+from tracker.training.sources.faults import UnusableBox
 from tracker.training.sources.limits import Limits
 from tracker.training.sources.pictures import mean_colour, read_picture
 from tracker.training.sources.table import Rows, Table, Tracks
@@ -43,7 +44,7 @@ class TableSource:
         box = (x * width, y * height, w * width, h * height) if self._relative else (x, y, w, h)
         fault = self._fault(box, width, height)
         if fault:
-            return f"{self._folder / name}: {fault} (frame {frame}, picture of {width}x{height} px)"
+            return UnusableBox(f"{self._folder / name}: {fault} (frame {frame}, picture of {width}x{height} px)")
         return View(image, Box.from_xywh(*box), mean_colour(image))
 
     def _read(self, path: Path, frame: int) -> ImageU8 | str:

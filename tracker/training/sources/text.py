@@ -89,7 +89,7 @@ def whole_px(value: object) -> int:
     """A width or height as a whole number, 0 (unknown) for what is none."""
     try:
         size = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return 0
     return int(size) if 0 < size < LARGEST_PX else 0
 
@@ -124,7 +124,7 @@ def read_table(
         while head and not head.strip():
             head = file.readline()
         separator = max(SEPARATORS, key=head.count)
-        header = [cell.strip().lower() for cell in next(csv.reader([head], delimiter=separator), [])]
+        header = [cell.strip().lower() for cell in _header(path, head, separator)]
         places = {key: i for key, names in aliases.items() for i, cell in enumerate(header) if cell in names}
         missing = [key for key in needed if key not in places]
         if missing:
@@ -133,6 +133,13 @@ def read_table(
             )
         for number, row in read_rows(file, separator, first_line=2):
             yield number, {key: row[place] for key, place in places.items() if place < len(row)}
+
+
+def _header(path: Path, head: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([head], delimiter=separator), [])
+    except csv.Error as error:
+        raise TrainingError(f"{path}:1: no header of a CSV ({error}); is it another kind of file?") from error
 
 
 def read_rows(file: TextIO, separator: str = ",", first_line: int = 1) -> Iterator[tuple[int, list[str]]]:

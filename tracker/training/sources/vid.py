@@ -66,7 +66,7 @@ def _add_video(annotations: Path, place: str, files: list[str], listing: Listing
             continue
         try:
             size, objects = _read(path, skipped)
-        except (ElementTree.ParseError, OSError) as error:
+        except (ElementTree.ParseError, OSError, ValueError, LookupError) as error:  # the last two: its encoding
             skipped.add("unreadable annotation", f"{path} ({error})")
             continue
         number = rows.picture(picture) if objects else 0
