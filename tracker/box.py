@@ -53,4 +53,4 @@ class Box:
         bx1, by1, bx2, by2 = other.to_corners()
         inter = max(0.0, min(ax2, bx2) - max(ax1, bx1)) * max(0.0, min(ay2, by2) - max(ay1, by1))
         union = self.w_px * self.h_px + other.w_px * other.h_px - inter
-        return inter / union if union > 0 else 0.0
+        return min(1.0, inter / union) if union > 0 else 0.0  # far from the origin rounding could exceed 1

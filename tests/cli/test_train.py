@@ -141,6 +141,12 @@ def test_validate(cli, data: Path) -> None:
     told = json.loads(by_recipe.out)
     assert (told["starts"], told["max_frames"], told["sequences"]["b"]["frames"]) == (1, 3, 3)
     assert 0.3 < told["mean"]["auc"] <= 20 / 21
+    parent = cli("train", "validate", "s", data / "val", "--max-frames", 2, "--threads", 1)
+    assert parent.out.splitlines()[1].startswith("b          2 frames"), "a folder of sequences stands for all of them"
+    (data / "bare.yaml").write_text(RECIPE[: RECIPE.index("validation:")])
+    bare = cli("train", "validate", "s", "--recipe", data / "bare.yaml", "--data", data)
+    assert (bare.code, bare.err.count("\n")) == (2, 1)
+    assert "no sequence to track: name some, or add sources to the recipe's validation" in bare.err
     refused = cli("train", "validate", "s")
     assert (refused.code, refused.err.count("\n")) == (2, 1)
     assert "give sequence folders, or --recipe RECIPE --data DIR" in refused.err

@@ -51,6 +51,7 @@ JPEG_QUALITY = 90  # the pictures have been compressed before, and are augmented
 PER_TRACK = 2  # with one frame of a video there is no pair
 CLUSTER = 4  # frames of a long track that lie within one frame range of each other
 READABLE_BY_ALL = 0o755
+FILE_READABLE_BY_ALL = 0o644
 SURROGATE = re.compile("[\\ud800-\\udfff]")  # what Python makes of bytes in a file's name that are no UTF-8
 
 Ints = npt.NDArray[np.int64]
@@ -294,6 +295,7 @@ class _Writer:
         }
         path = self._folder / f"{self._stem}-{len(self.shards):03d}{SUFFIX}"
         save_file(tensors, path)
+        path.chmod(FILE_READABLE_BY_ALL)  # safetensors makes it private
         shard = Shard(file=path.name, crops=len(crops), size_bytes=path.stat().st_size, sha256=sha256_of(path))
         self.shards.append(shard)
         self._crops, self._bytes = [], HEADER_BYTES

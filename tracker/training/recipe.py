@@ -211,7 +211,7 @@ class Jitter(Section):
 
     shift_px: Annotated[float, Bounds(0.0, 200.0)] = 38.0
     log_scale: Annotated[float, Bounds(0.0, 1.5)] = 0.5
-    log_aspect: Annotated[float, Bounds(0.0, 1.0)] = 0.18
+    log_aspect: Annotated[float, Bounds(0.0, 1.0)] = 0.3
     angle_deg: Annotated[float, Bounds(0.0, 45.0)] = 10.0  # of half of the crops
     exemplar_shift_px: Annotated[float, Bounds(0.0, 40.0)] = 6.0
     exemplar_log_scale: Annotated[float, Bounds(0.0, 0.5)] = 0.08

@@ -104,7 +104,7 @@ def _add_material(verbs: Any) -> None:
 def _add_weights(verbs: Any) -> None:
     diagnose = verbs.add_parser(
         "diagnose", help="what a model gets wrong: hits, centres, sizes, shapes",
-        description="Give sequences (folders with img/ and groundtruth_rect.txt), or a recipe for its validation.",
+        description="Give folders with img/ and groundtruth_rect.txt, folders of such, or a recipe (validation).",
     )  # fmt: skip
     diagnose.add_argument("model", metavar="MODEL", help="s, full or a .safetensors file")
     diagnose.add_argument("sequences", metavar="SEQUENCE_DIR", type=Path, nargs="*")
@@ -116,7 +116,7 @@ def _add_weights(verbs: Any) -> None:
     diagnose.set_defaults(run=_diagnose)
     judge = verbs.add_parser(
         "validate", help="the raw tracker over sequences: success AUC and precision of a model",
-        description="Give sequences (folders with img/ and groundtruth_rect.txt), or a recipe for its validation. "
+        description="Give folders with img/ and groundtruth_rect.txt, folders of such, or a recipe (validation). "
         "--starts and --max-frames are the recipe's unless given.",
     )  # fmt: skip
     judge.add_argument("model", metavar="MODEL", help="s, full or a .safetensors file")

@@ -11,6 +11,7 @@ import torch
 from tracker.training.recipe import Validation
 from tracker.training.types import Footage
 from tracker.training.validate import SequenceScore, Tracks, mean_score, validate
+from uavfollow.errors import InputError
 from uavfollow.interrupts import orderly_end
 from uavfollow.progress import ProgressLine
 from uavfollow.training.tools import network_of
@@ -54,7 +55,9 @@ def judged(
     max_frames: int | None,
     threads: int | None,
 ) -> Judgement:
-    """Track `footage` with a model, as `rules` say unless other numbers are given. Raises WeightsError."""
+    """Track `footage` with a model, as `rules` say unless other numbers are given. Raises InputError, WeightsError."""
+    if not footage:
+        raise InputError("no sequence to track: name some, or add sources to the recipe's validation")
     if threads is not None:
         torch.set_num_threads(threads)
     network, settings = network_of(model)

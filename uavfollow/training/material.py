@@ -32,16 +32,23 @@ def open_validation(recipe: Recipe, root: Path) -> list[Footage]:
 
 
 def footage_of_folders(folders: Iterable[Path]) -> list[Footage]:
-    """Sequences named one by one: each a folder with pictures and truth. Raises InputError, TrainingError."""
+    """Sequences: folders with pictures and truth, or folders of such folders. Raises InputError, TrainingError."""
     found: list[Footage] = []
     for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; a sequence is a folder with img/ and groundtruth_rect.txt")
         place = folder.resolve()
+        if not _is_sequence(place):
+            found += open_footage(Folders(kind="folders", path=str(place)), place, injected())
+            continue
         found += open_footage(
             Folders(kind="folders", path=str(place.parent), only=(place.name,)), place.parent, injected()
         )
     return found
+
+
+def _is_sequence(folder: Path) -> bool:
+    return (folder / "img").is_dir() or any(folder.glob("groundtruth*.txt"))
 
 
 def tell_sources(mix: Mix) -> None:
