@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,22 @@ from sitl.clip import FPS, HEIGHT_PX, WIDTH_PX, Clip
 from uavfollow.__main__ import main
 
 FRAMES = 24
+TINY_RECIPE = """
+name: tiny
+description: four steps
+start: {backbone: s}
+sources:
+  - {kind: folders, name: clip, path: train, frame_range: 10, min_side_px: 4}
+pairing: {distractor: 0, patch: 0}
+ema: 0.5
+stages:
+  - {pairs: 8, batch: 2, lr: 1e-4, warmup_pairs: 2}
+validation:
+  every_pairs: 1000
+  max_frames: 3
+  sources:
+    - {kind: folders, name: held-out, path: val}
+"""
 
 
 @dataclass(frozen=True)
@@ -58,3 +75,15 @@ def cli(capfd: pytest.CaptureFixture[str]):
         return Result(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture(scope="module")
+def data(material, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sequence to train on and one to validate on, and the recipe."""
+    root = tmp_path_factory.mktemp("training")
+    for place in ("train/a", "val/b"):
+        (root / place).mkdir(parents=True)
+        (root / place / "img").symlink_to(material.folder)
+        shutil.copy(material.truth, root / place / "groundtruth_rect.txt")
+    (root / "tiny.yaml").write_text(TINY_RECIPE)
+    return root

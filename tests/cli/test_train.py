@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 from pathlib import Path
 
 import cv2
 import pytest
 
+from tests.cli.conftest import TINY_RECIPE as RECIPE
 from tests.cli.test_entry import _python
 from tracker.training.curves import Curves
 from tracker.training.progress import Progress
@@ -19,35 +19,6 @@ from uavfollow.training.folder import difference, run_folder
 from uavfollow.training.progress import duration, told
 from uavfollow.training.run import RunOptions, effective_recipe
 from uavfollow.training.stop import stop_on_signal
-
-RECIPE = """
-name: tiny
-description: four steps
-start: {backbone: s}
-sources:
-  - {kind: folders, name: clip, path: train, frame_range: 10, min_side_px: 4}
-pairing: {distractor: 0, patch: 0}
-ema: 0.5
-stages:
-  - {pairs: 8, batch: 2, lr: 1e-4, warmup_pairs: 2}
-validation:
-  every_pairs: 1000
-  max_frames: 3
-  sources:
-    - {kind: folders, name: held-out, path: val}
-"""
-
-
-@pytest.fixture(scope="module")
-def data(material, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sequence to train on and one to validate on, and the recipe."""
-    root = tmp_path_factory.mktemp("training")
-    for place in ("train/a", "val/b"):
-        (root / place).mkdir(parents=True)
-        (root / place / "img").symlink_to(material.folder)
-        shutil.copy(material.truth, root / place / "groundtruth_rect.txt")
-    (root / "tiny.yaml").write_text(RECIPE)
-    return root
 
 
 @pytest.fixture(autouse=True)

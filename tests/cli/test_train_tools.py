@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import weakref
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.test_train import RECIPE
+from tests.cli.conftest import TINY_RECIPE as RECIPE
 from tracker.box import Box
 from tracker.messages import Frame
 from tracker.training.recipe import Packed
@@ -19,18 +18,6 @@ from tracker.training.recipe_file import parse_recipe
 from uavfollow.errors import InputError
 from uavfollow.training import maps, tools
 from uavfollow.training.folder import difference
-
-
-@pytest.fixture(scope="module")
-def data(material, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sequence to train on and one to validate on, and the recipe."""
-    root = tmp_path_factory.mktemp("training")
-    for place in ("train/a", "val/b"):
-        (root / place).mkdir(parents=True)
-        (root / place / "img").symlink_to(material.folder)
-        shutil.copy(material.truth, root / place / "groundtruth_rect.txt")
-    (root / "tiny.yaml").write_text(RECIPE)
-    return root
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
