@@ -69,6 +69,10 @@ class SizeRange:
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"SizeRange.{name} = {value}: must be finite and above 0")
 
+    def resized(self, factor: float) -> SizeRange:
+        """The same range for a box that was redrawn `factor` times as large; the target itself is what it was."""
+        return SizeRange(self.reference_range_m, self.reference_size_px * factor)
+
     def estimate(self, target: TargetState) -> RangeEstimate:
         """Range of the target's box, not valid without a finite box and covariance or outside the gates above.
 

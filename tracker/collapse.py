@@ -7,8 +7,10 @@ gives back the one from before.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
+from tracker.box import Box
 from tracker.filter import FilterState
 
 # A car of 5 m that goes behind an edge at walking pace takes longer; by then the remainder is what is tracked.
@@ -16,6 +18,9 @@ MEMORY_S = 1.5
 # A target that drives away at 5 m/s from 20 m loses 0.25 of ln(size) per second at most for a short time; half as much
 # again within a second is no distance.
 COLLAPSE_LN_SIZE = 0.25
+# What shrinks so fast is being covered: within SUDDEN_S one side loses a third, or both a quarter of ln(size).
+SUDDEN_S = 0.4
+SUDDEN_LN_SIDE = 0.4
 # States this near to the largest size are before the collapse; the last of them is the freshest.
 WHOLE_LN_SIZE = 0.04
 
@@ -46,6 +51,16 @@ class SizeMemory:
         for state in self._states:
             state.x[0] += dx_px
             state.x[1] += dy_px
+
+    def collapses(self, box: Box, t_s: float) -> bool:
+        """Whether a box of the time `t_s` would be a sudden collapse: slow shrinking is real, and is none."""
+        recent = [state for state in self._states if state.t_s >= t_s - SUDDEN_S]
+        if not recent or not box.is_valid:
+            return False
+        lost_w, lost_h = (
+            max(float(state.x[i]) for state in recent) - math.log(side) for i, side in ((2, box.w_px), (3, box.h_px))
+        )
+        return max(lost_w, lost_h) > SUDDEN_LN_SIDE or (lost_w + lost_h) / 2 > COLLAPSE_LN_SIZE
 
     def before_collapse(self) -> FilterState | None:
         """The last state before the box began to collapse; None when it has not."""

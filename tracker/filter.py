@@ -43,6 +43,9 @@ START_VEL_SIZES_S, START_GROWTH_S = 2.0, 0.5  # one sigma of what a new target m
 CAP_POS_SIZES, CAP_LN_SIZE = 20.0, 1.0  # caps of one sigma: "anywhere in the picture", "a factor of e"
 CAP_VEL_SIZES_S, CAP_GROWTH_S = 20.0, 3.0  # above these the direction of the motion is unknown anyway
 
+MOVING_SIZES_S = 0.15  # slower than this a coast of 1.5 s moves less than a quarter of the target
+MOVING_SIGMAS = 1.0  # of the speed's own uncertainty, which for a tracked target is about 0.5 sizes/s
+
 SERIES_BELOW = 1e-3  # dt/tau below which the exact Q_xx loses digits to cancellation and equals the undamped one
 
 
@@ -64,16 +67,18 @@ class FilterConfig:
 
     `accel_sizes_s1_5` and `growth_accel_s1_5` are square roots of acceleration densities: by how much the velocity
     (sizes/s) and the growth of ln(size) (1/s) wander in one second; `shake_sizes_s0_5` that of a velocity: how far the
-    centre itself is shaken about in one second (sizes). `pos_sigma_*` (sizes) and `ln_size_sigma_*` are the
-    measurement noise at score 1 (`_best`) and score 0 (`_worst`), geometric between. `coast_tau_s` and
-    `coast_size_tau_s` are the time constants by which velocity and growth decay while nothing is accepted.
+    centre itself is shaken about in one second (sizes), `size_shake_s0_5` the same of ln(size). `pos_sigma_*` (sizes)
+    and `ln_size_sigma_*` are the measurement noise at score 1 (`_best`) and score 0 (`_worst`), geometric between.
+    `coast_tau_s` and `coast_size_tau_s` are the time constants by which velocity and growth decay while nothing is
+    accepted.
     """
 
     # Chosen among some 20 settings by replaying the boxes that the embedded `s` gave on 11 validation sequences.
     accel_sizes_s1_5: float = 0.6
     growth_accel_s1_5: float = 0.3
     shake_sizes_s0_5: float = 1.0
-    pos_sigma_best: float = 0.06
+    size_shake_s0_5: float = 0.6
+    pos_sigma_best: float = 0.04
     pos_sigma_worst: float = 0.3
     ln_size_sigma_best: float = 0.1
     ln_size_sigma_worst: float = 0.4
@@ -88,6 +93,7 @@ class FilterConfig:
             ("accel_sizes_s1_5", 0.01, 100.0),
             ("growth_accel_s1_5", 0.01, 100.0),
             ("shake_sizes_s0_5", 0.0, 100.0),
+            ("size_shake_s0_5", 0.0, 100.0),
             ("pos_sigma_best", 0.001, 10.0),
             ("pos_sigma_worst", self.pos_sigma_best, 10.0),
             ("ln_size_sigma_best", 0.001, 10.0),
@@ -241,6 +247,29 @@ class BoxFilter:
         kf = self._started()
         kf.x[2:4], kf.x[6:8] = state.x[2:4], 0.0
 
+    def halt(self) -> None:
+        """Let place and size rest from now on: a target that stood is predicted where it stands."""
+        self._started().x[4:8] = 0.0
+
+    def nudge(self, box: Box) -> None:
+        """Take place and size from the operator; the motion stays. Raises ValueError when the box is unusable."""
+        kf = self._started()
+        if not usable_box(box):
+            raise ValueError(f"box {box} cannot be taken: not finite, or of a size or place no picture holds")
+        kf.x[:4] = _measurement(box)
+        sigmas = self._sigmas(START_POS_SIZES, START_LN_SIZE, START_VEL_SIZES_S, START_GROWTH_S)
+        kf.P[:4, :], kf.P[:, :4] = 0.0, 0.0
+        kf.P[:4, :4] = np.diag(sigmas[:4] ** 2)
+        self._outliers.clear()
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the centre moves: faster than `MOVING_SIZES_S`, and more surely than two sigma of the speed."""
+        x, p = self._started().x, self._kf.P
+        speed = math.hypot(x[4], x[5])
+        sigma = math.sqrt(max(float(p[4, 4] + p[5, 5]) / 2, 0.0))
+        return speed > max(MOVING_SIZES_S * self._size_px(), MOVING_SIGMAS * sigma)
+
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the mean with the picture (ego-motion); False and untouched when not finite or too far."""
         x = self._started().x
@@ -311,6 +340,7 @@ class BoxFilter:
         steady_s = min(max(self._updated_s + COAST_GRACE_S - self._t_s, 0.0), dt)
         f1, q1 = self._segment(steady_s, math.inf, math.inf)
         q1[0, 0] = q1[1, 1] = q1[0, 0] + (self._config.shake_sizes_s0_5 * self._size_px()) ** 2 * steady_s
+        q1[2, 2] = q1[3, 3] = q1[2, 2] + self._config.size_shake_s0_5**2 * steady_s
         if steady_s >= dt:
             return f1, q1
         f2, q2 = self._segment(dt - steady_s, self._config.coast_tau_s, self._config.coast_size_tau_s)

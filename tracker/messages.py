@@ -76,8 +76,8 @@ class SearchTile:
 class SearchHint:
     """Where to look: centre, its covariance (xx, xy, yy), relative search size, at most this many network calls.
 
-    `size_px` is what the target's width and height must be taken to be: given while it is not seen, when the tracker's
-    own last size is that of what it found instead. None: the tracker knows better. `tiles` are searched after the
+    `size_px` is what the target's width and height must be taken to be: the tracker's own last size is that of its best
+    candidate, which need not be the target. None: the tracker knows better. `tiles` are searched after the
     window at the centre, as far as `max_calls` reaches. `sure`: the target is slow and its place well known, so a
     tracker that can may search a smaller window.
     """
@@ -146,7 +146,7 @@ class TargetReason(str, Enum):
     NOT_CONFIRMED = "not_confirmed"
     SEEN = "seen"
     LOW_SCORE = "low_score"
-    GATED = "outside_gate"
+    INNOVATION_GATE = "innovation_gate"
     NO_CANDIDATE = "no_candidate"
     LOW_PEAK = "low_peak"  # nothing in the response that could be a target
     LOW_CONFIDENCE = "low_confidence"  # all evidence together says that it is probably not the target
@@ -154,10 +154,10 @@ class TargetReason(str, Enum):
     UNLIKE_EXEMPLAR = "unlike_exemplar"
     FALSE_LOCK = "false_lock"  # good scores for long, but of something that moves or looks otherwise
     NOT_FINITE = "not_finite"  # or of a size or place that no picture holds
-    OUT_OF_VIEW = "out_of_view"
+    OUT_OF_FRAME = "out_of_frame"
     COAST_EXPIRED = "coast_expired"
     COAST_UNSURE = "coast_unsure"  # the prediction could be outside of what is searched
-    SHAPE_COLLAPSE = "shape_collapse"  # lost after its box had shrunk: hidden by something, not further away
+    SHAPE_COLLAPSE = "shape_collapse"  # its box shrinks suddenly: hidden by something, not further away
     REACQUIRED = "reacquired"
     GAVE_UP = "gave_up"
     TIME_WENT_BACK = "time_went_back"

@@ -40,6 +40,12 @@ class RawTarget:
         """Nothing to move: the bare tracker searches where it saw the target last. False."""
         return False
 
+    def nudge(self, box: Box, t_s: float) -> TargetState:
+        """Take the operator's box. Raises ValueError when it is not valid or nothing is tracked."""
+        if self._box is None:
+            raise ValueError("there is no track to nudge: select a target first")
+        return self.start(box, t_s)
+
 
 def _state(status: TargetStatus, box: Box, t_s: float, confidence: float, reason: TargetReason) -> TargetState:
     return TargetState(t_s, status, reason, box, (0.0, 0.0), 0.0, None, confidence)

@@ -1,102 +1,114 @@
 """What is known of the target: candidates and the box filter, made into a status with a reason (design section 4).
 
-    start -> ACQUIRING -> LOCKED <-> COASTING -> SEARCHING -> LOST
-                 |           ^                       |
-                 +-----------|--- not confirmed ---> |
-                             +------ reacquired -----+
-
-Every limit is a time in seconds, never a number of frames. LOCKED always means: a candidate entered the filter in this
-very step. A step is one processed picture; a picture without any candidate is a step too.
+One step: predict; end by time what is over (`status`); judge the candidates by appearance and motion (`association`);
+let the chosen one into the estimate, or say why not; watch for rivals and false locks (`alarms`); wish for memory
+(`memory_gates`); plan the next search (`search_plan`). Every limit is a time in seconds, never a number of frames.
+LOCKED always means: a candidate entered the estimate in this very step. A step is one processed picture; a picture
+without any candidate is a step too.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
-from tracker.agreement import TIME_EPS_S, AgreeingRun
+from tracker.agreement import AgreeingRun
+from tracker.alarms import AlarmFacts, Alarms, LockFacts, active
+from tracker.association import Judged, associate, judge_all
 from tracker.box import Box
 from tracker.collapse import SizeMemory
-from tracker.filter import BoxFilter, FilterConfig, UpdateReason, check_range, usable_box
-from tracker.messages import Array, Candidate, SearchHint, TargetReason, TargetState, TargetStatus
+from tracker.confidence.features import Doubt
+from tracker.confidence.model import UNFITTED, ConfidenceModel
+from tracker.confidence.reference import Reference
+from tracker.filter import BoxFilter, FilterConfig, UpdateReason
+from tracker.memory_gates import MemoryFacts, MemoryGates
+from tracker.messages import (
+    Array,
+    Candidate,
+    MemoryWrite,
+    SearchHint,
+    SearchTile,
+    TargetAlarm,
+    TargetReason,
+    TargetState,
+    TargetStatus,
+)
+from tracker.search_plan import PlannedSearch, SearchPlan
+from tracker.status import ACQUIRING, AT_REST, COASTING, LOCKED, LOST, SEARCHING, Event, StatusMachine
+from tracker.target_config import TargetConfig
 
-MAX_COAST_S = 5.0  # what the design allows a prediction to be reported as such
+__all__ = ["TargetConfig", "TargetTracker"]
+
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
-MAX_HINT_SCALE = 4.0  # the tracker's own limit: beyond, the target has too few pixels left
+MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
-_AT_REST = (TargetStatus.IDLE, TargetStatus.LOST)
-
-
-@dataclass(frozen=True, slots=True)
-class TargetConfig:
-    """Thresholds and times of `TargetTracker`.
-
-    A candidate of `lock_score` may begin or renew a lock, one of `drop_score` sustain it. A selection must be seen for
-    `confirm_s` in a row before `acquire_s` is over. A prediction is reported for `coast_s` at most, and while its
-    2-sigma ellipse stays within `search_half_sizes` target sizes (half the search crop: 287/127 of an exemplar of two
-    sizes). A target found again must be seen for `reacquire_s` in a row. After `give_up_s` unseen the target is LOST.
-    """
-
-    # Of the boxes that the embedded `s` gave on the 12 validation sequences (raw, fp32), on the target (overlap above
-    # 0.2) were 93 % of 3208 at scores from 0.5 on, 12 of 17 from 0.4 to 0.5, 6 of 20 from 0.3 to 0.4: below 0.4 "seen"
-    # would be mostly untrue. Middle scores are rare, so where exactly the thresholds lie is not well founded.
-    lock_score: float = 0.55
-    drop_score: float = 0.40
-    confirm_s: float = 0.2
-    acquire_s: float = 1.5
-    coast_s: float = 1.5
-    reacquire_s: float = 0.2
-    give_up_s: float = 10.0
-    search_half_sizes: float = 2.26
-
-    def __post_init__(self) -> None:
-        """Check every range. Raises ValueError naming field, value and range."""
-        for name, low, high in (
-            ("lock_score", 0.0, 1.0),
-            ("drop_score", 0.0, self.lock_score),
-            ("acquire_s", 0.1, 60.0),
-            ("confirm_s", 0.0, self.acquire_s),
-            ("coast_s", 0.0, MAX_COAST_S),
-            ("reacquire_s", 0.0, 10.0),
-            ("give_up_s", max(self.acquire_s, self.coast_s), 3600.0),
-            ("search_half_sizes", 0.5, 50.0),
-        ):
-            check_range("target", name, getattr(self, name), low, high)
+REASON_OF = {
+    Doubt.LOW_PEAK: TargetReason.LOW_PEAK,
+    Doubt.AMBIGUOUS: TargetReason.AMBIGUOUS,
+    Doubt.UNLIKE_EXEMPLAR: TargetReason.UNLIKE_EXEMPLAR,
+    Doubt.SHAPE_COLLAPSE: TargetReason.SHAPE_COLLAPSE,
+    Doubt.INNOVATION_GATE: TargetReason.INNOVATION_GATE,
+}
 
 
 class TargetTracker:
-    """State machine over candidates. Raises only in `start`; in the loop every trouble becomes a reason."""
+    """Raises only in `start` and `nudge`; in the loop every trouble becomes a reason."""
 
-    def __init__(self, config: TargetConfig | None = None, filter_config: FilterConfig | None = None) -> None:
+    def __init__(
+        self,
+        config: TargetConfig | None = None,
+        filter_config: FilterConfig | None = None,
+        confidence: ConfidenceModel | None = None,
+    ) -> None:
         self._config = config or TargetConfig()
         self._filter = BoxFilter(filter_config)
-        self._status = TargetStatus.IDLE
+        self._model = confidence or UNFITTED
+        self._machine = StatusMachine(self._config.status)
         self._rest_reason = TargetReason.NOT_STARTED
         self._t_s: float | None = None
-        self._start_s = self._seen_s = 0.0
-        self._score = 0.0
-        self._run = AgreeingRun()
-        self._memory = SizeMemory()
-        self._narrow = True
         self._image_size_px: tuple[float, float] | None = None
+        self._reference = Reference()
+        self._run = AgreeingRun()
+        self._sizes = SizeMemory()
+        self._plan = SearchPlan()
+        self._alarms = Alarms()
+        self._gates = MemoryGates()
+        self._forget()
 
     def start(self, box: Box, t_s: float) -> TargetState:
         """Take a new target, selected in the picture of `t_s` (monotonic s). Raises ValueError for bad box or time."""
         self._filter.start(box, t_s)
-        self._status = TargetStatus.ACQUIRING
-        self._t_s = self._start_s = self._seen_s = t_s
-        self._score = 0.0
+        self._machine.happen(Event.STARTED, t_s)
+        self._t_s = t_s
+        self._forget()
+        return self._report(TargetReason.SELECTED)
+
+    def nudge(self, box: Box, t_s: float) -> TargetState:
+        """The operator moves or resizes the box of a live track; motion and status stay.
+
+        Raises ValueError when nothing is tracked, or box or time are unusable; the track then goes on as it was.
+        """
+        if self._machine.status in AT_REST:
+            raise ValueError("there is no track to nudge: select a target first")
+        if not math.isfinite(t_s) or (self._t_s is not None and t_s < self._t_s):
+            raise ValueError(f"nudge at {t_s} s: the time must be finite and not before the last picture")
+        self._filter.nudge(box)
+        self._filter.predict(t_s)
+        self._t_s = t_s
+        self._reference.clear()  # what it looked like was that of another box
+        self._sizes.clear()
         self._run.clear()
-        self._memory.clear()
         return self._report(TargetReason.SELECTED)
 
     def stop(self, t_s: float) -> TargetState:
         """Drop the target. Always works; a time that is not finite or went back is not taken."""
         if math.isfinite(t_s) and (self._t_s is None or t_s > self._t_s):
             self._t_s = t_s
-        self._rest(TargetStatus.IDLE, TargetReason.STOPPED)
+        self._machine.happen(Event.STOPPED, t_s)
+        self._rest_reason = TargetReason.STOPPED
+        self._forget()
         return self._report(TargetReason.STOPPED)
 
     def step(self, candidates: Sequence[Candidate], t_s: float, image_size_px: tuple[float, float]) -> TargetState:
@@ -107,44 +119,78 @@ class TargetTracker:
         """
         refusal = self._refusal(t_s, image_size_px)
         if refusal is not None:
-            held = TargetStatus.COASTING if self._status is TargetStatus.LOCKED else self._status
-            return self._report(refusal, held)
+            return self._report(refusal, COASTING if self._machine.status is LOCKED else None)
         self._t_s, self._image_size_px = t_s, image_size_px
-        if self._status in _AT_REST:
+        self._forget_step()
+        if self._machine.status in AT_REST:
             return self._report(self._rest_reason)
         self._filter.predict(t_s)
-        expired = self._expire(t_s)
-        if self._status is TargetStatus.LOST:
+        expired = self._machine.expire(t_s, self._moves, self._ellipse_share(self._filter.box, self._filter.cov) > 1.0)
+        if self._machine.status is LOST:
+            self._rest_reason = TargetReason.GAVE_UP
+            self._forget()
             return self._report(TargetReason.GAVE_UP)
+        if expired is not None:
+            self._run.clear()
+            self._plan.reset()
         reason = self._look(candidates, t_s)
+        if self._machine.status is SEARCHING:
+            self._plan_search(t_s)
         return self._report(reason if expired is None else expired)
 
     def hint(self, t_s: float | None = None) -> SearchHint | None:
         """Where to search in the picture of `t_s` (default: at the last step's time); None while IDLE or LOST.
 
-        The centre is held inside the last picture; `scale` widens the search until it holds the 2-sigma ellipse. While
-        SEARCHING every other search that finds nothing is at scale 1: in a wide one the target has too few pixels left
-        to be recognised well, and the prediction may be better than its covariance says.
+        The centre is held inside the last picture; `scale` widens the search until it holds the 2-sigma ellipse. A
+        strong candidate outside the gate is looked at once more in the next picture, in a window of its own. While
+        SEARCHING the search plan says where.
         """
-        if self._status in _AT_REST:
+        if self._machine.status in AT_REST:
             return None
         box, cov = self._filter.ahead(self._filter.t_s if t_s is None else t_s)
+        cov_px2 = (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]))
+        sized = box if self._chosen is None else self._chosen.candidate.box
+        size_px = (sized.w_px, sized.h_px)
+        calls = self._config.max_calls
+        if self._machine.status is SEARCHING and self._planned is not None:
+            plan = self._planned
+            return SearchHint(plan.center_px, cov_px2, plan.scale, calls, size_px, plan.tiles)
         cx, cy = box.cx_px, box.cy_px
         if self._image_size_px is not None:
             cx, cy = (min(max(v, 0.0), side) for v, side in zip((cx, cy), self._image_size_px, strict=True))
-        narrow = self._status is TargetStatus.SEARCHING and self._narrow
-        scale = 1.0 if narrow else min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
-        unseen = self._status in (TargetStatus.COASTING, TargetStatus.SEARCHING)
-        size_px = (box.w_px, box.h_px) if unseen else None
-        return SearchHint((cx, cy), (float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1])), scale, size_px=size_px)
+        scale = min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
+        tiles = () if self._outlier is None else (SearchTile((self._outlier.cx_px, self._outlier.cy_px)),)
+        return SearchHint((cx, cy), cov_px2, scale, calls, size_px, tiles, self._is_sure())
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the estimate with the picture (ego-motion); False, and nothing moved, when idle or not finite."""
-        if self._status in _AT_REST or not self._filter.shift(dx_px, dy_px):
+        if self._machine.status in AT_REST or not self._filter.shift(dx_px, dy_px):
             return False
-        self._run.shift(dx_px, dy_px)
-        self._memory.shift(dx_px, dy_px)
+        for part in (self._run, self._sizes, self._plan, self._alarms):
+            part.shift(dx_px, dy_px)
+        self._ego_known = True
         return True
+
+    def _forget(self) -> None:
+        """Nothing of an earlier target."""
+        self._confidence, self._used_s = 0.0, 0.0
+        self._moves = False
+        self._forget_step()
+        self._planned: PlannedSearch | None = None
+        self._active: tuple[TargetAlarm, ...] = ()
+        self._ego_known = False  # whether the camera's motion is told, so that velocities are the target's own
+        self._reference.clear()
+        self._run.clear()
+        self._sizes.clear()
+        self._plan.reset()
+        self._alarms.reset()
+        self._gates.reset(0.0 if self._t_s is None else self._t_s)
+
+    def _forget_step(self) -> None:
+        """Nothing of the picture before."""
+        self._chosen: Judged | None = None
+        self._outlier: Box | None = None
+        self._memory: MemoryWrite | None = None
 
     def _refusal(self, t_s: float, image_size_px: tuple[float, float]) -> TargetReason | None:
         if not math.isfinite(t_s) or not all(math.isfinite(v) and v > 0 for v in image_size_px):
@@ -153,113 +199,187 @@ class TargetTracker:
             return TargetReason.TIME_WENT_BACK
         return None
 
-    def _expire(self, t_s: float) -> TargetReason | None:
-        """Let statuses end by time alone, before the new candidates can prolong what is already over."""
-        c, unseen_s = self._config, t_s - self._seen_s + TIME_EPS_S
-        if unseen_s >= c.give_up_s:
-            self._rest(TargetStatus.LOST, TargetReason.GAVE_UP)
-            return None
-        reason = self._over(t_s, unseen_s)
-        if reason is not None:
-            self._status = TargetStatus.SEARCHING
-            self._run.clear()
-        return reason
-
-    def _over(self, t_s: float, unseen_s: float) -> TargetReason | None:
-        """Why it must be searched for from now on, or None."""
-        if self._status is TargetStatus.SEARCHING:
-            return None
-        if self._status is TargetStatus.ACQUIRING:
-            late = t_s - self._start_s + TIME_EPS_S >= self._config.acquire_s
-            return TargetReason.NOT_CONFIRMED if late else None
-        if unseen_s >= self._config.coast_s:
-            return TargetReason.COAST_EXPIRED
-        unsure = self._ellipse_share(self._filter.box, self._filter.cov) > 1.0
-        return TargetReason.COAST_UNSURE if unsure else None
-
     def _look(self, candidates: Sequence[Candidate], t_s: float) -> TargetReason:
         """Choose among the candidates and move the status by what was seen."""
-        usable = [c for c in candidates if _usable(c)]
-        sustains = self._status in (TargetStatus.LOCKED, TargetStatus.ACQUIRING)
-        threshold = self._config.drop_score if sustains else self._config.lock_score
-        seen = [c for c in usable if c.score >= threshold]
-        if not candidates:
-            return self._miss(TargetReason.NO_CANDIDATE)
-        if not seen:
-            return self._miss(TargetReason.LOW_SCORE if usable else TargetReason.NOT_FINITE)
-        if self._status is TargetStatus.SEARCHING:
-            return self._reacquire(max(seen, key=_score), t_s)
-        return self._associate(seen, t_s)
+        judged = judge_all(candidates, self._filter, self._model, self._reference)
+        found = associate(judged, self._config.association)
+        if found.best is None:
+            reason = self._miss(TargetReason.NOT_FINITE if candidates else TargetReason.NO_CANDIDATE, t_s)
+        elif self._machine.status is SEARCHING:
+            reason = self._reacquire(judged, t_s)
+        else:
+            reason = self._take(found.best, t_s)
+        return self._watch(candidates, reason, t_s)
 
-    def _reacquire(self, best: Candidate, t_s: float) -> TargetReason:
-        self._run.add(best.box, t_s)
-        if not self._run.lasted(self._config.reacquire_s):
+    def _reacquire(self, judged: Sequence[Judged], t_s: float) -> TargetReason:
+        """Found again is what looks like this target in the same place for `reacquire_s`."""
+        sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
+        if not sure:
+            return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
+        best = max(sure, key=lambda j: j.appearance + self._config.association.affinity_weight * j.affinity)
+        self._run.add(best.candidate.box, t_s)
+        self._outlier = best.candidate.box
+        if not self._run.lasted(self._config.status.reacquire_s):
             return TargetReason.CONFIRMING
-        self._filter.start(best.box, t_s)
-        self._memory.clear()
-        self._lock(best, t_s)
+        self._filter.start(best.candidate.box, t_s)
+        self._sizes.clear()
+        self._gates.reset(t_s)
+        self._lock(best, best.appearance, Event.CONFIRMED, t_s)
         return TargetReason.REACQUIRED
 
-    def _associate(self, seen: list[Candidate], t_s: float) -> TargetReason:
-        """The best inside the gate is the target; without one the best outlier may argue for a jump of the target."""
-        inside = [c for c in seen if self._filter.innovation(c.box, c.score).accepted]
-        best = max(inside or seen, key=_score)
-        if not inside and best.score < self._config.lock_score:
-            return self._miss(TargetReason.GATED)
-        update = self._filter.update(best.box, best.score)
+    def _take(self, best: Judged, t_s: float) -> TargetReason:
+        """Let the chosen candidate into the estimate, if it is good enough for the status."""
+        box, status = best.candidate.box, self._config.status
+        if not best.inside and best.appearance < status.lock_confidence:
+            return self._miss(TargetReason.INNOVATION_GATE, t_s)
+        if best.inside and best.probability < self._config.use_confidence:
+            return self._miss(self._doubt(best), t_s)
+        if best.inside and self._sizes.collapses(box, t_s):
+            return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
+        update = self._filter.update(box, best.probability if best.inside else best.appearance)
         if not update.accepted:
-            return self._miss(TargetReason.GATED)
-        if self._status is TargetStatus.ACQUIRING:
-            return self._confirm(best, t_s)
-        self._lock(best, t_s)
-        return TargetReason.REACQUIRED if update.reason is UpdateReason.RELOCATED else TargetReason.SEEN
+            self._outlier = box
+            return self._miss(TargetReason.INNOVATION_GATE, t_s)
+        relocated = update.reason is UpdateReason.RELOCATED
+        return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
-    def _confirm(self, best: Candidate, t_s: float) -> TargetReason:
-        self._seen_s, self._score = t_s, best.score
-        if best.score < self._config.lock_score:
+    def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
+        """A candidate entered the estimate: what that means for the status."""
+        status = self._config.status
+        if self._machine.status is ACQUIRING:
+            return self._confirm(best, probability, t_s)
+        sustains = self._machine.status is LOCKED and probability >= status.drop_confidence
+        if sustains or probability >= status.lock_confidence:
+            self._lock(best, probability, Event.SEEN, t_s)
+            return TargetReason.REACQUIRED if relocated else TargetReason.SEEN
+        if self._machine.weak(t_s) is LOCKED:
+            self._use(best, probability, t_s)
+            return TargetReason.SEEN
+        self._use(best, probability, t_s)
+        self._moves = self._filter.is_moving
+        return self._doubt(best)
+
+    def _confirm(self, best: Judged, probability: float, t_s: float) -> TargetReason:
+        self._use(best, probability, t_s)
+        self._machine.happen(Event.SEEN, t_s)
+        if probability < self._config.status.lock_confidence:
             self._run.clear()
-            return TargetReason.LOW_SCORE
-        self._run.add(best.box, t_s)
-        if not self._run.lasted(self._config.confirm_s):
+            return self._doubt(best)
+        self._run.add(best.candidate.box, t_s)
+        if not self._run.lasted(self._config.status.confirm_s):
             return TargetReason.CONFIRMING
-        self._lock(best, t_s)
+        self._lock(best, probability, Event.CONFIRMED, t_s)
         return TargetReason.CONFIRMED
 
-    def _lock(self, best: Candidate, t_s: float) -> None:
-        self._status = TargetStatus.LOCKED
-        self._seen_s, self._score = t_s, best.score
+    def _lock(self, best: Judged, probability: float, event: Event, t_s: float) -> None:
+        self._machine.happen(event, t_s)
+        self._use(best, probability, t_s)
         self._run.clear()
-        self._memory.add(self._filter.state())
+        self._sizes.add(self._filter.state())
+        self._reference.add(best.candidate, t_s)
 
-    def _miss(self, reason: TargetReason) -> TargetReason:
+    def _use(self, best: Judged, probability: float, t_s: float) -> None:
+        """A candidate is in the estimate."""
+        self._chosen, self._confidence, self._used_s = best, probability, t_s
+
+    def _miss(self, reason: TargetReason, t_s: float) -> TargetReason:
         """Not seen in this step."""
         self._run.clear()
-        self._narrow = not self._narrow if self._status is TargetStatus.SEARCHING else True
-        if self._status is TargetStatus.LOCKED:
-            self._status = TargetStatus.COASTING
+        if self._machine.status is LOCKED:
+            self._machine.happen(Event.MISSED, t_s)
             if self._undo_collapse():
                 reason = TargetReason.SHAPE_COLLAPSE
-        return reason if self._in_view() else TargetReason.OUT_OF_VIEW
+            self._moves = self._filter.is_moving
+            if not self._moves:
+                self._filter.halt()
+        return reason if self._in_view() else TargetReason.OUT_OF_FRAME
+
+    def _doubt(self, best: Judged) -> TargetReason:
+        """What speaks most against a candidate."""
+        if not self._model.fitted or best.candidate.evidence is None:
+            return TargetReason.LOW_SCORE
+        doubts = self._model.reasons(best.candidate, best.motion, self._reference)
+        return REASON_OF[doubts[0]] if doubts else TargetReason.LOW_CONFIDENCE
 
     def _undo_collapse(self) -> bool:
         """Go on from the estimate before the box shrank to the last visible strip, if that is what happened."""
-        before = self._memory.before_collapse()
-        self._memory.clear()
+        before = self._sizes.before_collapse()
+        self._sizes.clear()
         if before is None:
             return False
-        if self._memory.places_hold:
+        if self._sizes.places_hold:
             self._filter.rewind(before)
         else:  # the camera's motion is not known: a place in an older picture is no place in this one
             self._filter.resize(before)
         return True
 
-    def _rest(self, status: TargetStatus, reason: TargetReason) -> None:
-        self._status, self._rest_reason = status, reason
-        self._run.clear()
+    def _watch(self, candidates: Sequence[Candidate], reason: TargetReason, t_s: float) -> TargetReason:
+        """Alarms, and what should be remembered of this picture. A false lock ends the lock."""
+        f, chosen, locked = self._filter, self._chosen, self._machine.status is LOCKED
+        size_px = math.sqrt(f.box.w_px * f.box.h_px)
+        evidence = chosen.candidate.evidence if chosen is not None else None
+        lock = LockFacts(
+            t_s,
+            locked,
+            exemplar=evidence.exemplar if evidence is not None else None,
+            recent=evidence.recent if evidence is not None else None,
+            ln_size=math.log(size_px),
+            nis=chosen.motion.nis if chosen is not None else None,
+            speed_sizes_s=math.hypot(*f.vel_px_s) / size_px if self._ego_known else None,
+        )
+        rival, false_lock = self._alarms.step(AlarmFacts(candidates, chosen.candidate if chosen else None, lock))
+        self._active = active(rival, false_lock)
+        if false_lock.on and locked:
+            self._machine.happen(Event.FALSE_LOCK, t_s)
+            self._plan.reset()
+            self._chosen = None
+            reason = TargetReason.FALSE_LOCK
+        self._remember(t_s)
+        return reason
+
+    def _remember(self, t_s: float) -> None:
+        """The wish that what was found be remembered, when every gate passes."""
+        chosen = self._chosen
+        if self._image_size_px is None:
+            return
+        box = chosen.candidate.box if chosen is not None else self._filter.box
+        evidence = chosen.candidate.evidence if chosen is not None else None
+        facts = MemoryFacts(
+            t_s,
+            locked=self._machine.status is LOCKED,
+            confidence=self._confidence,
+            ambiguous=TargetAlarm.DISTRACTOR in self._active,
+            exemplar=evidence.exemplar if evidence is not None else None,
+            box=box,
+            image_size_px=self._image_size_px,
+            ln_size=math.log(math.sqrt(box.w_px * box.h_px)),
+            alarms=self._active,
+        )
+        decision = self._gates.step(facts)
+        self._memory = MemoryWrite(decision.slot, box) if decision.slot is not None else None
+
+    def _plan_search(self, t_s: float) -> None:
+        """Where the next picture is searched; a place where something was seen a moment ago is looked at again."""
+        assert self._image_size_px is not None
+        f, unseen_s = self._filter, t_s - self._machine.seen_s
+        cov_px2 = (float(f.cov[0, 0]), float(f.cov[0, 1]), float(f.cov[1, 1]))
+        again = () if self._outlier is None else (SearchTile((self._outlier.cx_px, self._outlier.cy_px)),)
+        calls = self._config.max_calls - len(again)
+        plan = self._plan.step(f.box, cov_px2, self._image_size_px, unseen_s, calls, t_s)
+        if again:
+            plan = replace(plan, tiles=(*again, *plan.tiles))
+        self._planned = plan
+
+    def _is_sure(self) -> bool:
+        """Whether the target is slow and its place well known."""
+        c, f = self._config, self._filter
+        if self._machine.status is not LOCKED or self._confidence < c.sure_confidence or self._active:
+            return False
+        size_px = math.sqrt(f.box.w_px * f.box.h_px)
+        return math.hypot(*f.vel_px_s) < c.sure_sizes_s * size_px
 
     def _in_view(self) -> bool:
-        box = self._filter.box
-        size = self._image_size_px
+        box, size = self._filter.box, self._image_size_px
         return size is None or (0.0 <= box.cx_px <= size[0] and 0.0 <= box.cy_px <= size[1])
 
     def _ellipse_share(self, box: Box, cov: Array) -> float:
@@ -270,20 +390,23 @@ class TargetTracker:
         return ELLIPSE_SIGMAS * math.sqrt(largest_px2) / half_px
 
     def _report(self, reason: TargetReason, status: TargetStatus | None = None) -> TargetState:
-        """The state as control sees it; confidence is the last accepted score, decayed with the time since."""
-        status = self._status if status is None else status
+        """The state as control sees it; confidence is that of the last accepted candidate, decayed with the time."""
+        status = self._machine.status if status is None else status
         t_s = 0.0 if self._t_s is None else self._t_s
-        if status in _AT_REST:
+        if status in AT_REST:
             return TargetState(t_s, status, reason, None, (0.0, 0.0), 0.0, None, 0.0)
-        confidence = min(max(self._score, 0.0), 1.0) * math.exp(-(t_s - self._seen_s) / CONFIDENCE_DECAY_S)
-        f = self._filter
-        return TargetState(t_s, status, reason, f.box, f.vel_px_s, f.growth_per_s, f.cov, confidence)
-
-
-def _usable(candidate: Candidate) -> bool:
-    numbers = (candidate.score, candidate.peak, candidate.similarity)
-    return usable_box(candidate.box) and all(math.isfinite(v) for v in numbers)
-
-
-def _score(candidate: Candidate) -> float:
-    return candidate.score
+        confidence = self._confidence * math.exp(-max(t_s - self._used_s, 0.0) / CONFIDENCE_DECAY_S)
+        f, chosen = self._filter, self._chosen.candidate if self._chosen is not None else None
+        return TargetState(
+            t_s,
+            status,
+            reason,
+            f.box,
+            f.vel_px_s,
+            f.growth_per_s,
+            f.cov,
+            confidence,
+            self._active,
+            chosen,
+            self._memory,
+        )

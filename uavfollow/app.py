@@ -21,6 +21,7 @@ from control.limits import VelocityLimiter
 from control.messages import CommandReason, GimbalCommand, GimbalState, VehicleState, VelocityCommand
 from control.range import NO_RANGE, RangeEstimate, SizeRange, ground_range_m
 from tracker.box import Box
+from tracker.loop import remember
 from tracker.messages import Candidate, Frame, SearchHint, TargetReason, TargetState, TargetStatus, Tracker
 from uavfollow.stopwatch import Stopwatch
 
@@ -41,6 +42,9 @@ class Target(Protocol):
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the estimate with the picture; whether it was moved."""
+
+    def nudge(self, box: Box, t_s: float) -> TargetState:
+        """The operator moves or resizes the box of the live track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +157,43 @@ class App:
             except Exception as error:  # nothing is known of the target in this step
                 faults.append(self._survived("the target estimate", error))
                 target = TargetState(t_s, TargetStatus.SEARCHING, TargetReason.FAULT, None, (0.0, 0.0), 0.0, None, 0.0)
-            return self._conclude(candidates, target, telemetry, now_s, faults)
+            record = self._conclude(candidates, target, telemetry, now_s, faults)
+        if isinstance(seen, Frame):
+            self._remember(seen, target)
+        return record
+
+    def nudge(
+        self, frame: Frame | None, move_px: tuple[float, float], resize: tuple[float, float], t_s: float
+    ) -> TargetState:
+        """The operator moves the box by so many px and resizes it by factors, in the newest picture; the track goes on.
+
+        What is in the new box of `frame` becomes the exemplar (None: candidates come from elsewhere). Raises ValueError
+        when there is no track, a number cannot be, or the tracker cannot take the box; all is then as it was.
+        """
+        if self._last is None or self._last[0].box is None:
+            raise ValueError("there is no track to nudge: select a target first")
+        if not self._last[0].t_s <= t_s < math.inf:
+            raise ValueError(f"nudge at {t_s} s: the time must be finite and not before the last picture")
+        if not (all(math.isfinite(v) for v in move_px) and all(0.1 <= v <= 10.0 for v in resize)):
+            raise ValueError(f"nudge by {move_px} px and factors {resize}: must be finite, factors in 0.1..10")
+        old = self._last[0].box
+        box = Box(old.cx_px + move_px[0], old.cy_px + move_px[1], old.w_px * resize[0], old.h_px * resize[1])
+        if self._tracker is not None and frame is not None:
+            self._tracker.init(frame, box)
+        state = self._target.nudge(box, t_s)
+        if self._range is not None:
+            self._range = self._range.resized((resize[0] * resize[1]) ** 0.5)
+        self._last = (state, self._last[1])
+        return state
+
+    def _remember(self, frame: Frame, target: TargetState) -> None:
+        """What the estimate wants kept of this picture, after the command: a failure costs only the memory."""
+        try:
+            if self._tracker is not None:
+                with self._stopwatch.section("track"):
+                    remember(self._tracker, frame, target)
+        except Exception as error:
+            self._survived("the tracker's memory", error)
 
     def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
         """Centre of the search region in a picture exposed at `t_s`; None while nothing is followed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from control.camera import Intrinsics
@@ -15,11 +15,11 @@ from control.limits import VelocityLimiter, VelocityLimits
 from control.messages import GimbalFrame, GimbalState, VehicleState
 from tracker.box import Box
 from tracker.messages import Frame, ImageU8
-from tracker.raw import RawTarget
+from tracker.presets import PRESETS, TargetKind
+from tracker.selection import unsuitable
 from tracker.siamapnpp.tracker import check_box
-from tracker.target import TargetTracker
 from uavfollow import __version__
-from uavfollow.app import App, StepRecord, Target, Telemetry
+from uavfollow.app import App, StepRecord, Telemetry
 from uavfollow.errors import InputError
 from uavfollow.progress import Progress
 from uavfollow.record.commands_csv import CommandsCsv
@@ -29,6 +29,7 @@ from uavfollow.record.setpoints import SetpointTlog
 from uavfollow.record.summary import TrackSummary, Truth, summarise
 from uavfollow.record.track_csv import TrackCsv
 from uavfollow.stopwatch import Stopwatch
+from uavfollow.trackers import DEFAULT_NAME, TrackerSpec, build, make_target
 from uavfollow.video.overlay import draw_notice, draw_state
 from uavfollow.video.source import FrameSource
 from uavfollow.video.writer import VideoSink
@@ -38,14 +39,18 @@ MIN_STANDOFF_SHARE = 0.3  # of the assumed range: nearer than that a fixed camer
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
-    """What the user chose. `tlog` None puts the setpoints into `out`."""
+    """What the user chose. `tlog` None puts the setpoints into `out`.
 
-    model: str
+    `box_from` names the option that the box comes from; with `force` one that is unsuitable as a target is taken too.
+    """
+
+    tracker: TrackerSpec
     precision: str
     device: str
     threads: int
-    raw: bool
-    box_given: bool
+    box_from: str
+    force: bool
+    preset: str | None
     truth: str | None
     out: Path
     tlog: Path | None
@@ -116,7 +121,7 @@ class TrackRun:
         self._count = min(limits) if limits else None
         self._period_s = 1.0 / source.fps
         self._draws = options.video
-        self._label = f"{source.name}  model {options.model}{'  raw tracker' if options.raw else ''}"
+        self._label = f"{source.name}  model {model_name(options)}{'  raw tracker' if options.tracker.raw else ''}"
         self._progress = Progress(self._count)
         self.records: list[StepRecord] = []
         self.snapshots = Snapshots(self._count)
@@ -181,11 +186,7 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
     if first is None:
         raise InputError(f"{source.name}: the first frame cannot be read")
     size_px = (first.image_bgr_u8.shape[1], first.image_bgr_u8.shape[0])
-    try:
-        check_box(box, *size_px)
-    except ValueError as error:
-        where = "--box" if options.box_given else "--truth, first row"
-        raise InputError(f"{where}: {error}") from error
+    _check_start(box, first, options)
     app, engine = _build(options, size_px, watch)
     files = TrackFiles(options, source.fps, size_px)
     try:
@@ -193,7 +194,7 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
         interrupted = run.run(first, frames, box, files)
         files.finish(run.records[-1].t_s)
         summary = summarise(
-            source.name, source.fps, run.records, truth, options.model, engine, watch.spent_s,
+            source.name, source.fps, run.records, truth, model_name(options), engine, watch.spent_s,
             _settings(options, source, box), interrupted,
         )  # fmt: skip
         write_report(files.folder, summary, run.records, truth, run.snapshots, str(options.tlog or "setpoints.tlog"))
@@ -208,6 +209,21 @@ def run_track(source: FrameSource, box: Box, truth: Truth, options: TrackOptions
         raise
 
 
+def _check_start(box: Box, first: Frame, options: TrackOptions) -> None:
+    """Raise InputError when a track cannot, or without `force` should not, start at the box."""
+    image = first.image_bgr_u8
+    try:
+        check_box(box, image.shape[1], image.shape[0])
+    except ValueError as error:
+        raise InputError(f"{options.box_from}: {error}") from error
+    reason = None if options.force else unsuitable(image, box)
+    if reason is not None:
+        given = ",".join(f"{v:g}" for v in box.to_xywh())
+        raise InputError(
+            f"{options.box_from}: the box {given} is unsuitable ({reason.value}): {reason.message}; --force overrides"
+        )
+
+
 def _settings(options: TrackOptions, source: FrameSource, box: Box) -> dict[str, str | float | bool | None]:
     return {
         "box": ",".join(f"{v:g}" for v in box.to_xywh()),
@@ -215,31 +231,23 @@ def _settings(options: TrackOptions, source: FrameSource, box: Box) -> dict[str,
         "hfov_deg": round(math.degrees(options.hfov_rad), 3),
         "range_m": options.range_m,
         "max_frames": options.max_frames,
-        "raw": options.raw,
+        "preset": options.preset,
+        "raw": options.tracker.raw,
         "source": source.origin,
+        "tracker": options.tracker.name,
         "truth": options.truth,
         "version": __version__,
     }
 
 
 def _build(options: TrackOptions, size_px: tuple[int, int], watch: Stopwatch) -> tuple[App, str]:
-    import torch
-
-    from tracker.weights.build import build_tracker
-    from tracker.weights.errors import WeightsError
-
-    torch.set_num_threads(options.threads)
-    try:
-        tracker, engine = build_tracker(options.model, options.precision, options.device)
-    except WeightsError as error:
-        raise InputError(f"--model: {error}") from error
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    target: Target = RawTarget() if options.raw else TargetTracker()
+    built = build(options.tracker, options.precision, options.device, options.threads)
+    preset = None if options.preset is None else PRESETS[TargetKind(options.preset)]
+    target_config, filter_config = (None, None) if preset is None else (preset.target, preset.filter)
     trail = TrailConfig(standoff_m=options.range_m, min_standoff_m=max(1.0, MIN_STANDOFF_SHARE * options.range_m))
     app = App(
-        tracker=tracker,
-        target=target,
+        tracker=built.tracker,
+        target=make_target(options.tracker, built, target_config, filter_config),
         gimbal_law=GimbalLaw(GimbalLawConfig()),
         guidance=TrailGuidance(trail),
         limiter=VelocityLimiter(VelocityLimits()),
@@ -247,7 +255,13 @@ def _build(options: TrackOptions, size_px: tuple[int, int], watch: Stopwatch) ->
         reference_range_m=options.range_m,
         stopwatch=watch,
     )
-    return app, f"{engine}, {options.threads} thread{'s' if options.threads > 1 else ''}"
+    return app, f"{built.engine}, {options.threads} thread{'s' if options.threads > 1 else ''}"
+
+
+def model_name(options: TrackOptions) -> str:
+    """What tells the reader which network ran: the model alone, with the tracker's name where that is another."""
+    spec = options.tracker
+    return spec.model if spec.name == DEFAULT_NAME else str(replace(spec, raw=False))
 
 
 def assumed_telemetry(now_s: float) -> Telemetry:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from sitl.metrics import flight, picture
+from sitl.metrics.encounter import encounter_metrics
 from sitl.metrics.flight import FlightLimits
 from sitl.metrics.names import METRIC_NAMES
 from sitl.metrics.occlusions import occlusion_metrics
@@ -54,6 +55,7 @@ def compute(
         "height_err_rms_m": flight.height_err_rms_m(samples, wanted.height_m),
         "bearing_err_rms_deg": flight.bearing_err_rms_deg(samples, wanted.bearing_rad),
         **occlusion_metrics(samples),
+        **encounter_metrics(samples),
         "gimbal_cmd_rms_deg_s": flight.gimbal_cmd_rms_deg_s(samples),
         **flight.setpoint_metrics(samples, times_s),
         "commands_after_override": flight.commands_after_override(times_s, override_s, resumed_s),

@@ -85,11 +85,15 @@ def _draw_clipped(surface: Surface, body: Posed, lit: Lit) -> int:
 
 
 def _face_order(mesh: Mesh, lit: Lit) -> list[int]:
-    """Places in `lit.faces`, part by part: parts on top of each other from the far one on, so also those abreast."""
-    _, right, down = lit.eye
+    """Places in `lit.faces`, part by part: parts on top of each other from the far one on, so also those abreast.
 
-    def nearness(part: Part) -> tuple[float, float]:
-        return -abs(-part.layer_m - down), -abs(part.middle[1] - right)
+    Parts one behind the other (a cab and its box) come last in the comparison.
+    """
+    ahead, right, down = lit.eye
+
+    def nearness(part: Part) -> tuple[float, float, float]:
+        aside = round(abs(part.middle[1] - right), 6)  # middles are sums: what is abreast may differ by a rounding
+        return -abs(-part.layer_m - down), -aside, -abs(part.middle[0] - ahead)
 
     order: list[int] = []
     for part in sorted(mesh.parts, key=nearness):

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 
 from sitl.metrics.names import METRIC_NAMES, NEVER_GATED
 from sitl.scenario.build import world_spec
+from sitl.scenario.draw import drawn
+from sitl.scenario.encounter import EncounterError
 from sitl.scenario.errors import ScenarioError
 from sitl.scenario.events import ClickEvent
 from sitl.scenario.schema import Scenario
@@ -27,11 +29,23 @@ MIN_AFTER_CLICK_S = 1.0
 
 def check_scenario(scenario: Scenario, where: str) -> None:
     """Raises ScenarioError with every finding; `where` names the scenario in it. Whatever is pending is no finding."""
-    problems = [*_names(scenario), *_times(scenario), *_criteria(scenario), *_start(scenario), *_view(scenario)]
-    # The world's own check says again what is wrong with names and speeds, without their keys.
-    problems = problems or list(_world(scenario))
+    problems = [*_names(scenario), *_known(scenario), *_times(scenario), *_criteria(scenario)]
+    # What follows is reckoned with places, starts and speeds. An encounter of wrong ones says nothing.
+    problems += list(_as_drawn(scenario)) if not problems or not scenario.encounters else []
     if problems:
         raise ScenarioError(where, problems)
+
+
+def _as_drawn(scenario: Scenario) -> Iterator[str]:
+    """Places, as they are for seed 0."""
+    try:
+        made = drawn(scenario, 0)
+    except EncounterError as error:
+        yield f"encounters: {error}"
+        return
+    found = [*_start(made), *_view(made)]
+    # The world's own check says again what is wrong with names and speeds, without their keys.
+    yield from found or _world(made)
 
 
 def _movers(scenario: Scenario) -> Iterator[tuple[str, Mover]]:
@@ -46,6 +60,22 @@ def _names(scenario: Scenario) -> Iterator[str]:
         if mover.name in taken:
             yield f"{key}.name: {mover.name!r} is the name of {taken[mover.name]} too; give each object its own"
         taken.setdefault(mover.name, key)
+
+
+def _known(scenario: Scenario) -> Iterator[str]:
+    """Names in `variety` and `encounters` are those of movers that can do what is asked."""
+    movers = {mover.name: mover for _, mover in _movers(scenario)}
+    variety = scenario.variety
+    named = [(f"encounters[{i}].mover", e.mover) for i, e in enumerate(scenario.encounters)]
+    if variety is not None:
+        named += [(f"variety.ways[{i}].mover", way.mover) for i, way in enumerate(variety.ways)]
+        named += [(f"variety.paints[{i}].movers", n) for i, paint in enumerate(variety.paints) for n in paint.movers]
+    for key, name in named:
+        if name not in movers:
+            near = suggestion(name, tuple(movers)) or f"; known are {', '.join(movers)}"
+            yield f"{key}: {name!r} is no target or distractor{near}"
+        elif key.startswith("encounters") and len(movers[name].path.points_ne_m) < 2:
+            yield f"{key}: {name!r} stands; give its path another point and a speed"
 
 
 def _times(scenario: Scenario) -> Iterator[str]:

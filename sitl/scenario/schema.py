@@ -14,6 +14,7 @@ from sitl.metrics.criteria import Source
 from sitl.scenario.events import BUILT_KINDS, Event, FaultSection, OtherEvent
 from sitl.scenario.fields import Angle, Coordinate, Milliseconds
 from sitl.scenario.things import Mover, OccludersSection, WorldSection
+from sitl.scenario.variety import EncounterSection, VarietySection
 from tracker.config.errors import suggestion
 from tracker.config.fields import Bounds, Section
 
@@ -36,6 +37,8 @@ class Vary(str, Enum):
     NOISE = "noise"
     CLICK = "click"
     SPEED = "speed"
+    COLOUR = "colour"
+    PLACE = "place"
 
 
 class CameraSection(Section):
@@ -153,6 +156,10 @@ class Scenario(Section):
     distractors: tuple[Mover, ...] = Field(default=(), max_length=100, description="other cars and persons")
     occluders: OccludersSection = Field(
         default_factory=OccludersSection, description="what is there to hide the target"
+    )
+    variety: VarietySection | None = Field(default=None, description="what the seed draws of colours and places")
+    encounters: tuple[EncounterSection, ...] = Field(
+        default=(), max_length=100, description="who hides the target or passes it, and when"
     )
     camera: CameraSection = Field(default_factory=CameraSection, description="lens, picture and transport")
     vehicle: VehicleSection = Field(default_factory=VehicleSection, description="the vehicle and where it starts")

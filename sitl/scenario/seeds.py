@@ -9,7 +9,10 @@ from sitl.scenario.schema import Scenario, Vary
 # A target of the same scenario is this much slower or faster: another encounter at each tree, the same story.
 SPEED_SHARE = 0.1
 # Fixed numbers of the streams: a new one gets a new number, so that the others keep their draws.
-_STREAM = {Vary.TEXTURE: 1, Vary.LIGHT: 2, Vary.WIND: 3, Vary.NOISE: 4, Vary.CLICK: 5, Vary.SPEED: 6}
+_STREAM = {
+    Vary.TEXTURE: 1, Vary.LIGHT: 2, Vary.WIND: 3, Vary.NOISE: 4, Vary.CLICK: 5, Vary.SPEED: 6, Vary.COLOUR: 7,
+    Vary.PLACE: 8,
+}  # fmt: skip
 
 
 def seed_for(scenario: Scenario, seed: int, what: Vary) -> int:

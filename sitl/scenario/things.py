@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from sitl.scenario.fields import Angle, Colour, Coordinate, Extent, Point, Seconds
+from sitl.scenario.fields import Angle, Colour, Coordinate, Extent, Point
 from sitl.world.spec import CarBody
 from tracker.config.fields import Bounds, Section
 
@@ -26,7 +26,9 @@ class PathSection(Section):
         min_length=1, max_length=200, description="[north, east] of each corner; one point: it stands there"
     )
     speed_m_s: Annotated[float, Bounds(0.0, 30.0)] = Field(default=0.0, description="along the whole way")
-    start_s: Seconds = Field(default=0.0, description="when it leaves the first point, after take-off has ended")
+    start_s: Annotated[float, Bounds(-3600.0, 3600.0)] = Field(
+        default=0.0, description="when it leaves the first point, after take-off has ended; below 0: it is under way"
+    )
     corner_radius_m: Annotated[float, Bounds(0.5, 100.0)] = Field(default=5.0, description="of the rounded corners")
     yaw_deg: Angle = Field(default=0.0, description="heading of an object with one point, clockwise from north")
 

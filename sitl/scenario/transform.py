@@ -7,13 +7,22 @@ from sitl.scenario.schema import Scenario
 # Keys by what the change does to their value; a new key with a side or a length must enter here (a test compares).
 _EAST_KEYS = frozenset({"east_m", "start_east_m"})
 _SIDE_KEYS = frozenset(
-    {"yaw_deg", "start_yaw_deg", "from_deg", "misalignment_yaw_deg", "misalignment_roll_deg"},
+    {
+        "yaw_deg",
+        "start_yaw_deg",
+        "from_deg",
+        "misalignment_yaw_deg",
+        "misalignment_roll_deg",
+        "bearing_deg",
+        "background_deg",
+    },
 )
-_POINT_KEYS = frozenset({"points_ne_m", "centre_ne_m"})
+_POINT_KEYS = frozenset({"points_ne_m", "centre_ne_m", "about_ne_m"})
 _WORLD_LENGTHS = frozenset(
     {
         "north_m", "east_m", "length_m", "width_m", "height_m", "crown_m", "clearance_m", "thickness_m", "size_m",
-        "corner_radius_m", "scale", "speed_m_s", "takeoff_height_m", "start_north_m", "start_east_m", "standoff_m",
+        "corner_radius_m", "scale", "background_m", "speed_m_s", "takeoff_height_m", "start_north_m", "start_east_m",
+        "standoff_m",
     }
 )  # fmt: skip
 

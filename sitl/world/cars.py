@@ -1,27 +1,26 @@
-"""Bodies of cars: a rounded lower body, a glazed cabin on top, wheels, lamps."""
+"""Bodies of cars: a rounded lower body, a glazed cabin on top, wheels, lamps. Lorries and buses: heavy.py."""
 
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
+from sitl.world.car_parts import (
+    GLASS,
+    GLASS_GLOSS,
+    HEADLAMP,
+    PAINT_GLOSS,
+    PLATE,
+    TAIL_LAMP,
+    TRIM,
+    add_wheel,
+)
+from sitl.world.heavy import HEAVY, build_heavy
 from sitl.world.mesh import BACK, FRONT, LEFT, RIGHT, Colour, FloatArray, Mesh, MeshBuilder, Slice, band, on_quad
 from sitl.world.spec import CarBody, CarSpec
-
-GLASS: Colour = (62.0, 52.0, 44.0)
-TRIM: Colour = (42.0, 42.0, 42.0)
-TYRE: Colour = (34.0, 33.0, 32.0)
-HUB: Colour = (150.0, 150.0, 150.0)
-HEADLAMP: Colour = (235.0, 235.0, 228.0)
-TAIL_LAMP: Colour = (36.0, 28.0, 176.0)
-PLATE: Colour = (215.0, 222.0, 222.0)
-PAINT_GLOSS, GLASS_GLOSS = 0.16, 0.32
-WHEEL_RADIUS_M = 0.32
-WHEEL_CORNERS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +54,13 @@ SHAPES = {
 @lru_cache(maxsize=64)  # many worlds are built of few cars
 def car_mesh(spec: CarSpec) -> Mesh:
     """The body of a car, its middle over the origin."""
-    shape = SHAPES[spec.body]
     red, green, blue = spec.colour_rgb
     paint: Colour = (float(blue), float(green), float(red))
     builder = MeshBuilder()
+    if spec.body in HEAVY:
+        build_heavy(builder, HEAVY[spec.body], paint)
+        return builder.build(spec.scale)
+    shape = SHAPES[spec.body]
     belt = _lower_body(builder, shape, paint)
     _cabin(builder, shape, belt, paint)
     return builder.build(spec.scale)
@@ -66,8 +68,13 @@ def car_mesh(spec: CarSpec) -> Mesh:
 
 def car_half_size_m(spec: CarSpec) -> tuple[float, float, float]:
     """Half length, half width and full height of a car."""
-    shape = SHAPES[spec.body]
-    return shape.length_m / 2 * spec.scale, shape.half_width_m * spec.scale, shape.roof_m * spec.scale
+    if spec.body in HEAVY:
+        heavy = HEAVY[spec.body]
+        half_length_m, half_width_m, height_m = heavy.length_m / 2, heavy.half_width_m, heavy.height_m
+    else:
+        shape = SHAPES[spec.body]
+        half_length_m, half_width_m, height_m = shape.length_m / 2, shape.half_width_m, shape.roof_m
+    return half_length_m * spec.scale, half_width_m * spec.scale, height_m * spec.scale
 
 
 def _lower_body(builder: MeshBuilder, shape: _Shape, paint: Colour) -> Slice:
@@ -94,7 +101,7 @@ def _lower_body(builder: MeshBuilder, shape: _Shape, paint: Colour) -> Slice:
         builder.face(inner.outline(), up, TRIM, 0.0, decal=True)
     for side in (-1.0, 1.0):
         for axle in (-shape.wheelbase_m / 2, shape.wheelbase_m / 2):
-            _wheel(builder, axle, side * (w + 0.004), side)
+            add_wheel(builder, axle, side * (w + 0.004), side)
     builder.end_part(0.5 * back)
     return slices[-1]
 
@@ -115,19 +122,6 @@ def _ends(builder: MeshBuilder, quads: list[FloatArray], uppers: list[FloatArray
     for u in ((0.0, 0.16), (0.84, 1.0)):
         builder.face(on_quad(uppers[FRONT], u, (0.10, 0.75)), x_axis, HEADLAMP, 0.2, decal=True)
         builder.face(on_quad(uppers[BACK], u, (0.05, 0.85)), -x_axis, TAIL_LAMP, 0.1, decal=True)
-
-
-def _wheel(builder: MeshBuilder, x_m: float, y_m: float, side: float) -> None:
-    angles = np.arange(WHEEL_CORNERS) * (2 * math.pi / WHEEL_CORNERS)
-    ring = np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)], axis=1)
-    outward = np.array([0.0, side, 0.0])
-    middle = np.array([x_m, y_m, -WHEEL_RADIUS_M])
-    # Dark arch behind the tyre, moved up: below the hub the tyre stands free.
-    arch = middle + ring * (WHEEL_RADIUS_M + 0.06)
-    arch[:, 2] = np.minimum(arch[:, 2], -0.2)
-    builder.face(arch, outward, TRIM, decal=True)
-    builder.face(middle + ring * WHEEL_RADIUS_M, outward, TYRE, decal=True)
-    builder.face(middle + ring * 0.19, outward, HUB, 0.1, decal=True)
 
 
 def _cabin(builder: MeshBuilder, shape: _Shape, belt: Slice, paint: Colour) -> None:

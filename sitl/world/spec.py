@@ -16,6 +16,9 @@ class CarBody(str, Enum):
     HATCHBACK = "hatchback"
     VAN = "van"
     PICKUP = "pickup"
+    LORRY = "lorry"
+    BUS = "bus"
+    BENDY_BUS = "bendy_bus"
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,6 +105,7 @@ def test_the_summary_says_what_the_numbers_depend_on(material: Material, tmp_pat
         "max_frames": 3,
         "raw": False,
         "source": str(material.video),
+        "tracker": "siamapnpp",
         "truth": None,
         "version": uavfollow.__version__,
     }

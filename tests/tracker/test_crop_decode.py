@@ -137,7 +137,7 @@ def test_negative_anchors_and_nans_are_never_chosen() -> None:
     decoded = decode(maps, TrackerSettings())
     ranked = rank(decoded, shape_penalty(decoded, 40, 40, 0.079), TrackerSettings())
     assert not decoded.usable[[220, 221, 219]].any()
-    chosen = pick(decoded, ranked, 40, 40, 3)
+    chosen = pick(decoded, ranked, (40, 40), 3)
     assert chosen
     assert not set(chosen) & {219, 220, 221}
 
@@ -146,7 +146,7 @@ def test_nothing_usable_gives_nothing() -> None:
     maps = _maps()
     maps.anchor[:] = np.nan
     decoded = decode(maps, TrackerSettings())
-    assert pick(decoded, rank(decoded, shape_penalty(decoded, 40, 40, 0.079), TrackerSettings()), 40, 40, 3) == []
+    assert pick(decoded, rank(decoded, shape_penalty(decoded, 40, 40, 0.079), TrackerSettings()), (40, 40), 3) == []
 
 
 def test_candidates_lie_a_target_apart() -> None:
@@ -154,7 +154,7 @@ def test_candidates_lie_a_target_apart() -> None:
     maps.cls2[1, 10, 10], maps.cls2[1, 10, 11], maps.cls2[1, 10, 18] = 6, 5, 4
     decoded = decode(maps, TrackerSettings())
     ranked = rank(decoded, shape_penalty(decoded, 40, 40, 0.079), TrackerSettings(window=0.0))
-    assert pick(decoded, ranked, 40, 40, 2) == [220, 228]
+    assert pick(decoded, ranked, (40, 40), 2) == [220, 228]
 
 
 @given(scale=st.floats(0, 1e6), seed=st.integers(0, 2**32 - 1), poison=st.sampled_from([0.0, np.nan, np.inf, -np.inf]))

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
+from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from tracker.engines.cpu import has_native_bf16
 from tracker.messages import ImageU8
@@ -47,6 +49,9 @@ class TorchEngine:
             if parameter.ndim == 4:
                 parameter.data = parameter.data.contiguous(memory_format=torch.channels_last)
         self._template: Template | None = None
+        self._features = torch.empty(0)
+        # All variants of the network have this backbone, but each its own search.
+        self._network.backbone.register_forward_hook(self._keep_features)
         self.name = f"torch-{torch.__version__.split('+')[0]}/{self._device.type}/{precision.value}"
 
     def _tensor(self, crop_bgr_u8: ImageU8) -> torch.Tensor:
@@ -55,10 +60,18 @@ class TorchEngine:
         return image.to(device=self._device, dtype=self._dtype)
 
     @torch.inference_mode()
-    def set_exemplar(self, crop_bgr_u8: ImageU8) -> None:
-        """Compute and keep the template kernels of an exemplar crop, (127, 127, 3)."""
+    def set_exemplar(self, crop_bgr_u8: ImageU8) -> FloatMap:
+        """Compute and keep the template kernels of an exemplar crop, (127, 127, 3). Gives its features as `embed`."""
         with _denormals_flushed():
             self._template = self._network.template(self._tensor(crop_bgr_u8))
+        return _numpy(self._features)
+
+    @torch.inference_mode()
+    def embed(self, crop_bgr_u8: ImageU8) -> FloatMap:
+        """Deep features (C, 6, 6), of layer5, of an exemplar crop, (127, 127, 3)."""
+        with _denormals_flushed():
+            self._network.backbone(self._tensor(crop_bgr_u8))
+        return _numpy(self._features)
 
     @torch.inference_mode()
     def search(self, crop_bgr_u8: ImageU8) -> ResponseMaps:
@@ -73,7 +86,11 @@ class TorchEngine:
             cls3=_numpy(maps.cls3),
             loc=_numpy(maps.loc),
             anchor=_numpy(maps.anchor),
+            features=_numpy(self._features),
         )
+
+    def _keep_features(self, _module: nn.Module, _inputs: Any, outputs: tuple[torch.Tensor, torch.Tensor]) -> None:
+        self._features = outputs[1]
 
 
 @contextmanager

@@ -20,19 +20,26 @@ STRIDE_PX = 8
 MAX_LOG_DELTA = 4.0  # exp(dw) is unbounded; a factor of 55 to the anchor is more than any crop holds
 MIN_BOX_PX = 1.0  # a box below one crop pixel is no measurement
 EPS = 1e-9
+# Boxes of one target scatter by a part of its size around it; the next one of a row of alike things is a size away.
+FOOTPRINT_SIZES = 0.75
+MIN_FOOTPRINT_PX = 1.0 * STRIDE_PX  # neighbouring cells see almost the same picture, however small the target is
 
 FloatMap = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseMaps:
-    """Network output of one frame as numpy: cls1 and cls2 (2, M, M), cls3 (1, M, M), loc and anchor (4, M, M)."""
+    """Network output of one frame as numpy: cls1 and cls2 (2, M, M), cls3 (1, M, M), loc and anchor (4, M, M).
+
+    `features` (C, M + 5, M + 5) are those of the search crop from layer5, None from engines that do not give them.
+    """
 
     cls1: FloatMap
     cls2: FloatMap
     cls3: FloatMap
     loc: FloatMap
     anchor: FloatMap
+    features: FloatMap | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +47,8 @@ class Decoded:
     """One row per cell, row-major: boxes (N,) in crop pixels from the crop centre, scores, and which are usable.
 
     `ranking` is the official weighted sum (may leave [0, 1] with a raw centre logit); `confidence` in [0, 1];
-    `similarity` in [0, 1]. Cells that are not usable have score 0 and a unit box.
+    `similarity` in [0, 1]; `heads` (3, N) the three classifications in [0, 1]. Cells that are not usable have score 0
+    and a unit box.
     """
 
     cx: Array
@@ -50,6 +58,7 @@ class Decoded:
     ranking: Array
     confidence: Array
     similarity: Array
+    heads: Array
     usable: npt.NDArray[np.bool_]
 
 
@@ -94,6 +103,7 @@ def decode(maps: ResponseMaps, settings: TrackerSettings) -> Decoded:
         ranking=np.where(usable, ranking, 0.0),
         confidence=np.where(usable, confidence, 0.0),
         similarity=np.where(usable, p2, 0.0),
+        heads=np.where(usable, np.stack((p1, p2, p3)), 0.0),
         usable=usable,
     )
 
@@ -140,8 +150,19 @@ def rank(decoded: Decoded, penalty: Array, settings: TrackerSettings) -> Array:
     return np.where(decoded.usable, ranked, -np.inf)
 
 
-def pick(decoded: Decoded, ranked: Array, apart_w: float, apart_h: float, count: int) -> list[int]:
-    """Indices of the best cells, best first, whose boxes lie at least one target size apart from each other."""
+def near(decoded: Decoded, cell: int, footprint: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    """Which cells' boxes mean the same place as that of `cell`: centres within the footprint (half sizes, crop px)."""
+    across = np.abs(decoded.cx - decoded.cx[cell]) < footprint[0]
+    return np.asarray(across & (np.abs(decoded.cy - decoded.cy[cell]) < footprint[1]), dtype=np.bool_)
+
+
+def footprint(target_w: float, target_h: float) -> tuple[float, float]:
+    """How far from a peak, across and down in crop pixels, other peaks are still the same target's."""
+    return max(FOOTPRINT_SIZES * target_w, MIN_FOOTPRINT_PX), max(FOOTPRINT_SIZES * target_h, MIN_FOOTPRINT_PX)
+
+
+def pick(decoded: Decoded, ranked: Array, apart: tuple[float, float], count: int) -> list[int]:
+    """Indices of the best cells, best first, none in the footprint `apart` of a better one."""
     left = ranked.copy()
     chosen: list[int] = []
     while len(chosen) < count:
@@ -149,6 +170,5 @@ def pick(decoded: Decoded, ranked: Array, apart_w: float, apart_h: float, count:
         if not np.isfinite(left[best]):
             break
         chosen.append(best)
-        near = (np.abs(decoded.cx - decoded.cx[best]) < apart_w) & (np.abs(decoded.cy - decoded.cy[best]) < apart_h)
-        left[near] = -np.inf
+        left[near(decoded, best, apart)] = -np.inf
     return chosen

@@ -21,6 +21,9 @@ class TrackerSettings:
 
     `penalty_k` damps changes of scale and aspect, `window` weighs the Hann window, `size_lr` smooths the size,
     `class_weights` are the paper's w1, w2, w3. `max_candidates` bounds the alternatives beside the best one.
+    `size_lr_per_s` takes `size_lr` as the rate of a 30th of a second instead of a picture. `economy` searches a crop of
+    223 px when a hint says that it is sure. `embed_candidates` is for how many candidates the likeness to the
+    exemplars is computed (0: none).
     """
 
     penalty_k: float = 0.079
@@ -29,7 +32,10 @@ class TrackerSettings:
     search_px: int = 287
     class_weights: tuple[float, float, float] = (1.2, 1.3, 1.1)
     centre_term: CentreTerm = CentreTerm.LOGIT
-    max_candidates: int = 3
+    max_candidates: int = 5
+    size_lr_per_s: bool = False
+    economy: bool = False
+    embed_candidates: int = 1
 
     def __post_init__(self) -> None:
         """Check every range. Raises ValueError that names the field."""
@@ -45,6 +51,8 @@ class TrackerSettings:
             raise ValueError("tracker setting class_weights must not all be 0")
         if not 1 <= self.max_candidates <= 16:
             raise ValueError(f"tracker setting max_candidates is {self.max_candidates}, must lie in 1..16")
+        if not 0 <= self.embed_candidates <= 16:
+            raise ValueError(f"tracker setting embed_candidates is {self.embed_candidates}, must lie in 0..16")
 
     @classmethod
     def from_card(cls, values: dict[str, Any]) -> TrackerSettings:

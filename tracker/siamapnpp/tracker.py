@@ -3,33 +3,40 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from tracker.box import Box
 from tracker.engines import Engine
-from tracker.messages import Candidate, Frame, ImageU8, SearchHint
+from tracker.messages import Array, Candidate, Frame, ImageU8, MemorySlot, SearchHint
+from tracker.siamapnpp.candidates import Situation, candidates_of
 from tracker.siamapnpp.crop import EXEMPLAR_PX, CropGeometry, crop_square, exemplar_side_px
-from tracker.siamapnpp.decode import Decoded, decode, pick, rank, shape_penalty
+from tracker.siamapnpp.embedding import of_exemplar
+from tracker.siamapnpp.memory import ExemplarMemory
+from tracker.siamapnpp.merge import Found, merge
 from tracker.siamapnpp.settings import TrackerSettings
+from tracker.siamapnpp.windows import Window, hinted_size, places, windows
 
 MIN_TARGET_PX = 4.0  # a smaller box fills less than one cell of the exemplar's features
-FLOOR_PX = 4.0  # the official floor of 10 px makes small targets grow at once
-MAX_HINT_SCALE = 4.0  # beyond this the target has under 1/4 of the pixels that the exemplar was made from
-HINT_STEP_SIDES = 0.5  # a hint may move the search window by at most half its side: it is a prediction, not a jump
-MAX_HINT_SIZE_PX = 4096.0  # larger than any picture: a bound against nonsense
+ECONOMY_PX = 223  # 13 x 13 cells: the centre may move by three quarters of a target from one picture to the next
 
 
 class SiamAPNTracker:
-    """Implements `tracker.messages.Tracker` on any engine. State: centre, size and first frame's mean colour."""
+    """Implements `tracker.messages.Tracker` and `RemembersExemplars` on any engine.
+
+    State: centre, size, first frame's mean colour, time of the last frame, looks of the target.
+    """
 
     def __init__(self, engine: Engine, settings: TrackerSettings) -> None:
         self._engine = engine
         self._settings = settings
+        self._memory = ExemplarMemory()
         self._centre_px = (0.0, 0.0)
         self._size_px = (0.0, 0.0)
         self._fill_bgr = (0.0, 0.0, 0.0)
+        self._t_s = 0.0
         self._started = False
 
     def init(self, frame: Frame, box: Box) -> None:
@@ -39,62 +46,69 @@ class SiamAPNTracker:
         blue, green, red, _ = cv2.mean(image)
         self._fill_bgr = (blue, green, red)
         self._centre_px, self._size_px = (box.cx_px, box.cy_px), (box.w_px, box.h_px)
-        side = exemplar_side_px(box.w_px, box.h_px)
-        crop = crop_square(image, CropGeometry(box.cx_px, box.cy_px, side, EXEMPLAR_PX), self._fill_bgr)
-        self._engine.set_exemplar(crop)
+        features = self._engine.set_exemplar(self._exemplar_crop(box, image))
+        self._memory.start(None if features is None else of_exemplar(features))
+        self._t_s = frame.t_capture_s
         self._started = True
 
     def update(self, frame: Frame, hint: SearchHint | None = None) -> tuple[Candidate, ...]:
         """Candidates in this frame, best first; empty when the network's output holds nothing finite.
 
-        With a hint the search window is centred there and scaled by it, and its size is taken over; without, it stays
-        at the last place. Raises RuntimeError before `init`, ValueError when the picture is not a BGR uint8 image.
+        With a hint the search window is centred there and scaled by it, and its size is taken over; further windows are
+        searched as it says, and the candidates of all become one list. Without one the window stays at the last place.
+        Raises RuntimeError before `init`, ValueError when the picture is not a BGR uint8 image.
         """
         if not self._started:
             raise RuntimeError("update() before init(): the tracker has no exemplar yet")
         image = _checked(frame.image_bgr_u8)
-        geometry = self._search_window(hint)
-        maps = self._engine.search(crop_square(image, geometry, self._fill_bgr))
-        decoded = decode(maps, self._settings)
-        w, h = self._size_px[0] * geometry.scale, self._size_px[1] * geometry.scale
-        penalty = shape_penalty(decoded, w, h, self._settings.penalty_k)
-        ranked = rank(decoded, penalty, self._settings)
-        chosen = pick(decoded, ranked, w, h, self._settings.max_candidates)
-        found = [self._candidate(decoded, float(penalty[i]), float(ranked[i]), i, geometry, image) for i in chosen]
+        self._size_px = hinted_size(hint) or self._size_px
+        image_size_px = (float(image.shape[1]), float(image.shape[0]))
+        now = Situation(self._size_px, image_size_px, frame.t_capture_s - self._t_s)
+        sure_px = ECONOMY_PX if self._settings.economy else None
+        planned = windows(hint, self._centre_px, self._size_px, self._settings.search_px, sure_px)
+        found = [self._search(image, window, now) for window in planned]
+        self._t_s = frame.t_capture_s
+        self._follow(planned[0], found[0], places(hint))
+        candidates = merge(found, self._settings.max_candidates)
+        looks = self._settings.embed_candidates
+        return (*(self._looked_at(c, image) for c in candidates[:looks]), *candidates[looks:])
+
+    def remember(self, frame: Frame, box: Box, slot: MemorySlot) -> None:
+        """Keep how the box of this frame looks. Raises ValueError as `init` does, RuntimeError before it."""
+        if not self._started:
+            raise RuntimeError("remember() before init(): there is no target yet")
+        image = _checked(frame.image_bgr_u8)
+        check_box(box, image.shape[1], image.shape[0])
+        self._memory.keep(self._look(box, image), slot)
+
+    def _search(self, image: ImageU8, window: Window, now: Situation) -> list[Found]:
+        """One call of the network: its candidates, best first."""
+        maps = self._engine.search(crop_square(image, window.geometry, self._fill_bgr))
+        return candidates_of(maps, window, now, self._settings, self._memory.likeness)
+
+    def _follow(self, window: Window, found: list[Found], hinted: bool) -> None:
+        """Where to search next when nothing else is said. A hint knows the place better than the best candidate."""
         if found:
-            self._centre_px = (found[0].box.cx_px, found[0].box.cy_px)
-            self._size_px = (found[0].box.w_px, found[0].box.h_px)
-        return tuple(found)
+            best = found[0].candidate.box
+            self._centre_px, self._size_px = (best.cx_px, best.cy_px), (best.w_px, best.h_px)
+        if hinted:
+            self._centre_px = (window.geometry.cx_px, window.geometry.cy_px)
 
-    def _search_window(self, hint: SearchHint | None) -> CropGeometry:
-        if hint is not None and hint.size_px is not None and all(math.isfinite(v) for v in hint.size_px):
-            width_px, height_px = (min(max(v, FLOOR_PX), MAX_HINT_SIZE_PX) for v in hint.size_px)
-            self._size_px = (width_px, height_px)
-        side = exemplar_side_px(*self._size_px) * self._settings.search_px / EXEMPLAR_PX
-        cx, cy, scale = *self._centre_px, 1.0
-        if hint is not None and all(math.isfinite(v) for v in (*hint.center_px, hint.scale)):
-            reach = HINT_STEP_SIDES * side * max(1.0, hint.scale)
-            cx += min(max(hint.center_px[0] - cx, -reach), reach)
-            cy += min(max(hint.center_px[1] - cy, -reach), reach)
-            scale = min(max(hint.scale, 1.0), MAX_HINT_SCALE)
-        return CropGeometry(cx, cy, side * scale, self._settings.search_px)
+    def _looked_at(self, candidate: Candidate, image: ImageU8) -> Candidate:
+        """With its likeness to the memory: one small call of the network where the search did not show it."""
+        evidence = candidate.evidence
+        if evidence is None or evidence.exemplar is not None or not self._memory.has_first:
+            return candidate
+        exemplar, recent = self._memory.likeness(self._look(candidate.box, image))
+        return replace(candidate, evidence=replace(evidence, exemplar=exemplar, recent=recent))
 
-    def _candidate(
-        self, decoded: Decoded, penalty: float, peak: float, i: int, geometry: CropGeometry, image: ImageU8
-    ) -> Candidate:
-        height, width = image.shape[:2]
-        # The official rate is penalty * score * size_lr; its score is no probability, so the product is bounded here.
-        rate = min(max(penalty * float(decoded.ranking[i]) * self._settings.size_lr, 0.0), 1.0)
-        w = (1.0 - rate) * self._size_px[0] + rate * float(decoded.w[i]) / geometry.scale
-        h = (1.0 - rate) * self._size_px[1] + rate * float(decoded.h[i]) / geometry.scale
-        box = Box(
-            cx_px=min(max(geometry.cx_px + float(decoded.cx[i]) / geometry.scale, 0.0), float(width)),
-            cy_px=min(max(geometry.cy_px + float(decoded.cy[i]) / geometry.scale, 0.0), float(height)),
-            w_px=min(max(w, FLOOR_PX), float(width)),
-            h_px=min(max(h, FLOOR_PX), float(height)),
-        )
-        score = min(max(float(decoded.confidence[i]), 0.0), 1.0)
-        return Candidate(box=box, score=score, peak=peak, similarity=float(decoded.similarity[i]))
+    def _look(self, box: Box, image: ImageU8) -> Array | None:
+        features = self._engine.embed(self._exemplar_crop(box, image))
+        return None if features is None else of_exemplar(features)
+
+    def _exemplar_crop(self, box: Box, image: ImageU8) -> ImageU8:
+        side = exemplar_side_px(box.w_px, box.h_px)
+        return crop_square(image, CropGeometry(box.cx_px, box.cy_px, side, EXEMPLAR_PX), self._fill_bgr)
 
 
 def check_box(box: Box, width_px: int, height_px: int) -> None:

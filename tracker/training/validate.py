@@ -111,11 +111,11 @@ def follow(
         truth = footage.truth[index]
         if should_stop():
             return None
-        image = _read(footage, index)
+        image = picture_of(footage, index)
         if boxes:
             found = tracker.update(_frame(image, index)) if image is not None else ()
             boxes.append(found[0].box if found else None)
-        elif image is not None and (box := _start_box(truth, image)) is not None:
+        elif image is not None and (box := start_box(truth, image)) is not None:
             tracker.init(_frame(image, index), box)
             boxes.append(box)
     return boxes
@@ -137,7 +137,8 @@ def evaluation_copy(network: nn.Module, state: Mapping[str, Tensor]) -> nn.Modul
     return result.eval()
 
 
-def _read(footage: Footage, index: int) -> ImageU8 | None:
+def picture_of(footage: Footage, index: int) -> ImageU8 | None:
+    """A frame of a sequence, None when it cannot be read."""
     try:
         return footage.images[index]
     except TrainingError:
@@ -148,7 +149,8 @@ def _frame(image: ImageU8, index: int) -> Frame:
     return Frame(image, index, index / FRAMES_PER_S, index / FRAMES_PER_S)
 
 
-def _start_box(truth: Box | None, image: ImageU8) -> Box | None:
+def start_box(truth: Box | None, image: ImageU8) -> Box | None:
+    """The truth cut to the picture, None when no tracker can start with it."""
     if truth is None or not truth.is_valid:
         return None
     height, width = image.shape[:2]

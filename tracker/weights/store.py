@@ -10,10 +10,11 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
+from tracker.confidence.model import ConfidenceModel
 from tracker.siamapnpp.network import SIZES, SiamAPNpp
 from tracker.siamapnpp.settings import TrackerSettings
 from tracker.weights import layout
-from tracker.weights.card import read_card, sha256_of
+from tracker.weights.card import card_path, read_card, sha256_of
 from tracker.weights.errors import WeightsError
 
 EMBEDDED = Path(__file__).resolve().parent / "embedded"
@@ -45,6 +46,16 @@ class Weights:
             return TrackerSettings.from_card(self.card.get("tracker_settings", {}))
         except ValueError as error:
             raise WeightsError(f"{self.path}: {error}") from error
+
+    def confidence(self) -> ConfidenceModel | None:
+        """The confidence model fitted for these weights, None when the card has none. Raises WeightsError."""
+        block = self.card.get("confidence")
+        if block is None:
+            return None
+        try:
+            return ConfidenceModel.from_card(block)
+        except ValueError as error:
+            raise WeightsError(f"{card_path(self.path)}: {error}") from error
 
 
 def find(model: str) -> Path:

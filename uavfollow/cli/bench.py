@@ -1,4 +1,4 @@
-"""`uavfollow bench`: comparisons that take long; so far the paper's component study."""
+"""`uavfollow bench`: comparisons that take long: trackers over data sets, hard scenes, the paper's component study."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from uavfollow.cli import bench_suite, bench_track
 from uavfollow.cli.train import MAX_COUNT, RECIPE_HELP, add_run_options, check_range, run_options
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED
 from uavfollow.tell import tell
@@ -17,8 +18,12 @@ VARIANTS = ("siamapn", "apn_df", "self_aan", "aan")
 
 def add_parser(commands: Any) -> Any:
     """Add the command and its own commands to the subparsers; returns its parser."""
-    parser = commands.add_parser(NAME, help="long comparisons: the paper's components, equally trained")
+    parser = commands.add_parser(
+        NAME, help="long comparisons: trackers on data sets and in hard scenes, the paper's components"
+    )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    bench_track.add_verb(verbs)
+    bench_suite.add_verb(verbs)
     ablation = verbs.add_parser(
         "ablation",
         help="train each variant of the paper for equally many pairs and tabulate",

@@ -95,15 +95,18 @@ def _autopilot(arguments: argparse.Namespace) -> int:
 def _flight(name: str, seed: int) -> Any:
     """Vehicle, gimbal and autopilot of a scenario. Raises InputError."""
     from sitl.flight import Flight, build_world
-    from sitl.scenario import ScenarioError, load_scenario
+    from sitl.scenario import ScenarioError, drawn, load_scenario
 
     try:
         scenario = load_scenario(name)
         if scenario.pending_reasons():
             raise InputError(f"scenario {scenario.name} is pending: {'; '.join(scenario.pending_reasons())}")
+        scenario = drawn(scenario, seed)
         return Flight(scenario, seed, build_world(scenario, seed))
     except ScenarioError as error:
         raise InputError(f"scenario {error}") from error
+    except ValueError as error:  # what the seed draws cannot be
+        raise InputError(f"scenario {name}, seed {seed}: {error}") from error
 
 
 def _open(text: str) -> Any:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from uavfollow.cli import selecting
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, EXIT_SHORT, InputError
 from uavfollow.interrupts import orderly_end
 
@@ -15,10 +17,12 @@ if TYPE_CHECKING:
     from tracker.box import Box
     from tracker.messages import Frame
     from uavfollow.track_run import TrackOptions
+    from uavfollow.trackers import TrackerSpec
     from uavfollow.video.source import FrameSource
 
 NAME = "track"
 GRID_NAME = "first_frame_grid.png"
+FROM_TRUTH = "--truth, first row"
 MAX_FAULTY_SHARE = 0.5  # with more of the frames unreadable the run has not done what it was asked for
 SPARE_CORES = 1  # left to video, MAVLink and the rest of the companion: spinning threads on all cores collapse
 EPILOG = """The setpoints are those for a camera that looks straight forward from a hovering vehicle and does not move:
@@ -30,7 +34,11 @@ def add_parser(commands: Any) -> Any:
     parser = commands.add_parser(NAME, help="track a target in a video, an image folder or a camera", epilog=EPILOG)
     parser.add_argument("source", metavar="SOURCE", help="video file, folder of images, or camera index")
     parser.add_argument("--box", metavar="X,Y,W,H", help="target in the first frame, px from the top-left corner")
-    parser.add_argument("--model", default="s", help="s, full or a .safetensors file (default: s)")
+    parser.add_argument("--model", help="s, full or a .safetensors file (default: s)")
+    parser.add_argument(
+        "--tracker", metavar="SPEC", default="siamapnpp",
+        help="NAME[@MODEL][+raw]: siamapnpp, nanotrack@FOLDER with its two ONNX files, or a plug-in's name",
+    )  # fmt: skip
     parser.add_argument("--truth", metavar="FILE", type=Path, help="x,y,w,h per frame; gives scores (and the box)")
     parser.add_argument("--fps", type=float, help="frame rate; of an image folder (default 30), else overrides")
     parser.add_argument("--out", metavar="DIR", type=Path, help="output folder (default: runs/track-NAME)")
@@ -44,6 +52,7 @@ def add_parser(commands: Any) -> Any:
     parser.add_argument("--threads", type=int, help="threads of the network (default: cores less one)")
     parser.add_argument("--no-video", action="store_true", help="write no overlay video")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    selecting.add_options(parser)
     parser.set_defaults(run=_run)
     return parser
 
@@ -92,7 +101,7 @@ def _check_places(arguments: argparse.Namespace, out: Path) -> None:
     if source.is_dir() and out.exists() and any(out.samefile(p) for p in (source, source / "img") if p.is_dir()):
         raise InputError(f"--out {out}: is the folder of the images; choose another")
     for given in (arguments.source, arguments.truth, arguments.model):
-        for name in (*RUN_FILES, GRID_NAME):
+        for name in (*RUN_FILES, GRID_NAME, selecting.PROPOSALS_NAME):
             if given is not None and (out / name).is_file() and Path(given).exists() and (out / name).samefile(given):
                 raise InputError(f"--out {out}: {given} lies there under a name that would be written; choose another")
 
@@ -110,6 +119,7 @@ def _check_numbers(arguments: argparse.Namespace) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     _check_numbers(arguments)
+    selecting.check_options(arguments, _tracker(arguments).raw)
     tlog = parse_tlog(arguments.gimbal_mavlink) if arguments.gimbal_mavlink is not None else None
     from uavfollow.record.output import free_folder
     from uavfollow.record.truth import check_length, read_truth
@@ -123,6 +133,9 @@ def _run(arguments: argparse.Namespace) -> int:
         raise InputError("--truth goes with recorded material, not with a camera")
     out = arguments.out or free_folder(f"track-{source.name}", "report.html")
     _check_places(arguments, out)
+    if selecting.lists_only(arguments):
+        print("\n".join(selecting.write_targets(arguments, source, out)))
+        return EXIT_DONE
     box = _initial_box(arguments, truth, source, out)
     from uavfollow.track_run import run_track
 
@@ -135,16 +148,34 @@ def _run(arguments: argparse.Namespace) -> int:
     return EXIT_SHORT if summary.faults > MAX_FAULTY_SHARE * summary.frames else EXIT_DONE
 
 
+def _tracker(arguments: argparse.Namespace) -> TrackerSpec:
+    """What `--tracker`, `--model` and `--raw` ask for together. Raises InputError when they contradict each other."""
+    from uavfollow.trackers import MODEL_MARK, parse_spec
+
+    if arguments.model is not None and MODEL_MARK in arguments.tracker:
+        raise InputError(f"--model {arguments.model}: --tracker {arguments.tracker} names a model too; leave one out")
+    spec = parse_spec(arguments.tracker, arguments.model or "")
+    return replace(spec, raw=spec.raw or arguments.raw)
+
+
+def _box_from(arguments: argparse.Namespace) -> str:
+    """The option that gives the box."""
+    if arguments.box:
+        return "--box"
+    return selecting.option_name(arguments) if selecting.is_wanted(arguments) else FROM_TRUTH
+
+
 def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> TrackOptions:
     from uavfollow.track_run import TrackOptions
 
     return TrackOptions(
-        model=arguments.model,
+        tracker=_tracker(arguments),
         precision=arguments.precision,
         device=arguments.device,
         threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
-        raw=arguments.raw,
-        box_given=bool(arguments.box),
+        box_from=_box_from(arguments),
+        force=arguments.force or _box_from(arguments) == FROM_TRUTH,  # a data set's own target is never refused
+        preset=arguments.preset,
         truth=str(arguments.truth) if arguments.truth else None,
         out=out,
         tlog=tlog,
@@ -158,13 +189,16 @@ def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> Tra
 def _initial_box(arguments: argparse.Namespace, truth: list[Box | None] | None, source: FrameSource, out: Path) -> Box:
     if arguments.box:
         return parse_box(arguments.box)
+    if selecting.is_wanted(arguments):
+        return selecting.resolve_click(arguments, source)
     if truth is not None:
         if truth[0] is None:
             raise InputError(f"--truth {arguments.truth}: the first row has no target; give the box with --box X,Y,W,H")
         return truth[0]
     grid = _write_grid(next(iter(source.frames()), None), out)
     raise InputError(
-        f"no target given yet: look at {grid} and give its box in px as --box X,Y,W,H (top-left corner, width, height)"
+        f"no target given yet: look at {grid} and give a point on it in px as --click X,Y, its box as --box X,Y,W,H "
+        "(top-left corner, width, height), or see what there is with --targets"
     )
 
 

@@ -128,6 +128,7 @@ def _add_weights(verbs: Any) -> None:
     judge.add_argument("--threads", type=int, help="threads of the network (default: as PyTorch chooses)")
     judge.add_argument("--json", action="store_true", help="the numbers as JSON")
     judge.set_defaults(run=_validate)
+    _add_confidence(verbs)
     widen = verbs.add_parser("widen", help="from weights of size s those of size full that compute the same")
     widen.add_argument("model", metavar="S.safetensors", help="or s, the embedded one")
     widen.add_argument("--out", metavar="FULL.safetensors", type=Path, required=True)
@@ -140,6 +141,28 @@ def _add_weights(verbs: Any) -> None:
     maps.add_argument("--frame", type=int, default=10, metavar="N", help="picture to draw, from 1 (default: 10)")
     maps.add_argument("--out", metavar="FILE", type=Path, default=Path("maps.png"), help="(default: maps.png)")
     maps.set_defaults(run=_maps)
+
+
+def _add_confidence(verbs: Any) -> None:
+    fit = verbs.add_parser(
+        "confidence", help="fit the probability that a candidate is the target",
+        description="Follows and probes sequences with truth, fits a regression, and judges each sequence by a model "
+        "fitted on the others. Give folders with img/ and groundtruth_rect.txt, folders of such, or a recipe (its "
+        "validation); sequences beside a recipe are fitted on too, the figures stay those of the recipe's.",
+    )  # fmt: skip
+    fit.add_argument("model", metavar="MODEL", help="s, full or a .safetensors file")
+    fit.add_argument("sequences", metavar="SEQUENCE_DIR", type=Path, nargs="*")
+    fit.add_argument("--recipe", metavar="RECIPE", help=RECIPE_HELP)
+    fit.add_argument("--data", metavar="DIR", type=Path, default=Path(), help=DATA_HELP)
+    fit.add_argument("--starts", type=int, help="track each so many times (default: the recipe's, else 1)")
+    fit.add_argument("--max-frames", type=int, help="at most so many frames from each start")
+    fit.add_argument("--seed", type=int, default=1, help="of the probes' places (default: 1)")
+    fit.add_argument("--threads", type=int, help="threads of the network (default: as PyTorch chooses)")
+    where = fit.add_mutually_exclusive_group()
+    where.add_argument("--out", metavar="CARD", type=Path, help="write the model's card with the fit as CARD")
+    where.add_argument("--write", action="store_true", help="write the fit into the model's own card")
+    fit.add_argument("--json", action="store_true", help="the fit and its figures as JSON")
+    fit.set_defaults(run=_confidence)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -264,6 +287,40 @@ def _validate(arguments: argparse.Namespace) -> int:
         rules = recipe.validation if recipe else Validation()
         result = judged(arguments.model, footage, rules, arguments.starts, arguments.max_frames, arguments.threads)
     print(json.dumps(result.as_json(), indent=1) if arguments.json else "\n".join(result.lines()))
+    return EXIT_DONE
+
+
+def _confidence(arguments: argparse.Namespace) -> int:
+    for option, value in (("--starts", arguments.starts), ("--max-frames", arguments.max_frames)):
+        check_range(option, value, 1, 10**6)
+    check_range("--seed", arguments.seed, 0, 2**31)
+    check_range("--threads", arguments.threads, 1, 256)
+    if not (arguments.sequences or arguments.recipe):
+        raise InputError("give sequence folders, or --recipe RECIPE --data DIR for the sequences of its validation")
+    if arguments.out is not None and not arguments.out.parent.is_dir():
+        raise InputError(f"--out {arguments.out}: there is no folder {arguments.out.parent}; make it first")
+    from tracker.training.recipe_file import load_recipe
+    from uavfollow.training.errors import as_bad_input
+
+    with as_bad_input():
+        recipe = load_recipe(arguments.recipe) if arguments.recipe else None
+        from tracker.training.recipe import Validation
+        from tracker.training.validate import Tracks
+        from uavfollow.training.confidence import CollectOptions, confidence_of, write_confidence
+        from uavfollow.training.material import footage_of_folders, open_validation
+
+        folders = footage_of_folders(arguments.sequences)
+        judged, more = (open_validation(recipe, arguments.data), folders) if recipe else (folders, [])
+        rules = recipe.validation if recipe else Validation()
+        tracks = Tracks(arguments.starts or rules.starts, arguments.max_frames or rules.max_frames)
+        options = CollectOptions(tracks, arguments.seed, arguments.threads)
+        report = confidence_of(arguments.model, judged, more, options)
+        written = write_confidence(arguments.model, report, arguments.out) if arguments.out or arguments.write else None
+    print(json.dumps(report.as_json(), indent=1, allow_nan=False) if arguments.json else "\n".join(report.lines()))
+    for line in report.skipped:
+        tell(f"not used: {line}")
+    if written is not None:
+        tell(f"wrote {written}")
     return EXIT_DONE
 
 

@@ -25,14 +25,14 @@ from sitl.operator import OperatorError
 from sitl.render.geometry import GeometryCamera
 from sitl.render.renderer import Renderer
 from sitl.run import Run, RunLog, Step
-from sitl.scenario import build
+from sitl.scenario import build, drawn
 from sitl.scenario.schema import LimitsSection, Scenario, Vary
 from sitl.scenario.seeds import seed_for
 from sitl.world.world import World
 from tracker.engines.cpu import describe_cpu
 from tracker.filter import FilterConfig
-from tracker.messages import Tracker
 from tracker.target import TargetTracker
+from tracker.weights.build import BuiltTracker
 from uavfollow import __version__
 from uavfollow.app import App
 from uavfollow.companion import Companion
@@ -44,6 +44,8 @@ from uavfollow.mavlink.pipe import PipeLink
 from uavfollow.sim.driver import CompanionDriver
 from uavfollow.sim.files import SimFiles
 from uavfollow.sim.report import write_sim_report
+from uavfollow.trackers import DEFAULT_NAME, TrackerSpec
+from uavfollow.trackers import build as build_tracker
 
 # The camera's own motion is taken out of the estimate here, so what is left is the target's, and a car that goes behind
 # a tree does not stop there. (The filter's default is for video without telemetry, where most of it is the camera's.)
@@ -146,18 +148,19 @@ class SimResult:
 
 
 def run_sim(scenario: Scenario, options: SimOptions, on_step: Callable[[Step, float], None] | None = None) -> SimResult:
-    """Fly the scenario. `on_step` is told of each step and the scenario's time.
+    """Fly the scenario, as it is for the seed. `on_step` is told of each step and the scenario's time.
 
     Raises InputError for what cannot be built or written, and leaves nothing behind then.
     """
     try:
+        scenario = drawn(scenario, options.seed)
         world = build_world(scenario, options.seed)
     except ValueError as error:
         raise InputError(f"scenario {scenario.name}: {error}") from error
-    tracker, engine = _tracker(options)
+    built, engine = _tracker(options)
     files = SimFiles(options.out, options.video and options.model is not None, scenario) if options.out else None
     try:
-        result = _fly(scenario, options, world, tracker, engine, files, on_step)
+        result = _fly(scenario, options, world, built, engine, files, on_step)
         return result if files is None else _write(result, files)
     except OSError as error:
         raise InputError(
@@ -174,7 +177,7 @@ def _fly(
     scenario: Scenario,
     options: SimOptions,
     world: World,
-    tracker: Tracker | None,
+    built: BuiltTracker | None,
     engine: str,
     files: SimFiles | None,
     on_step: Callable[[Step, float], None] | None,
@@ -184,7 +187,7 @@ def _fly(
     now = {"s": 0.0}
     tap = files.tap(lambda: TLOG_EPOCH_US + round(now["s"] * 1e6)) if files is not None else None
     connection = Connection(ours, 1, [CONTROLLER_COMPONENT], tap)
-    companion = Companion(build_app(scenario, tracker), connection)
+    companion = Companion(build_app(scenario, built), connection)
     begun: list[float] = []  # wall clock at the scenario's time 0
     pacer = Pacer() if options.realtime else None
 
@@ -223,7 +226,7 @@ def _fly(
     return SimResult(scenario, options, engine, log, metrics, results, scene_s, wall_s)
 
 
-def build_app(scenario: Scenario, tracker: Tracker | None) -> App:
+def build_app(scenario: Scenario, built: BuiltTracker | None) -> App:
     """The loop with the application's own defaults, and of the scenario only what an operator would set."""
     camera, guidance = scenario.camera, scenario.guidance
     intrinsics = Intrinsics.from_hfov(camera.width_px, camera.height_px, math.radians(camera.hfov_deg))
@@ -233,8 +236,11 @@ def build_app(scenario: Scenario, tracker: Tracker | None) -> App:
         height_m=guidance.height_m,
     )
     return App(
-        tracker=tracker,
-        target=TargetTracker(filter_config=FilterConfig(coast_tau_s=COAST_TAU_S)),
+        tracker=built.tracker if built is not None else None,
+        target=TargetTracker(
+            filter_config=FilterConfig(coast_tau_s=COAST_TAU_S),
+            confidence=built.confidence if built is not None else None,
+        ),
         gimbal_law=GimbalLaw(GimbalLawConfig(loop_delay_s=loop_delay_s(scenario))),
         guidance=TrailGuidance(trail),
         limiter=VelocityLimiter(VelocityLimits().tighten(_limits(guidance.limits))),
@@ -270,22 +276,13 @@ def _eyes(scenario: Scenario, options: SimOptions, world: World) -> Eyes:
     return GeometryEyes(GeometryCamera(world, camera), errors, scenario.target.name, camera)
 
 
-def _tracker(options: SimOptions) -> tuple[Tracker | None, str]:
+def _tracker(options: SimOptions) -> tuple[BuiltTracker | None, str]:
     if options.model is None:
         return None, "geometry camera"
-    import torch
-
-    from tracker.weights.build import build_tracker
-    from tracker.weights.errors import WeightsError
-
-    torch.set_num_threads(options.threads)
-    try:
-        tracker, engine = build_tracker(options.model, options.precision, options.device)
-    except WeightsError as error:
-        raise InputError(f"--model: {error}") from error
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    return tracker, f"model {options.model}, {engine}, {options.threads} thread{'s' if options.threads > 1 else ''}"
+    spec = TrackerSpec(DEFAULT_NAME, options.model, raw=False)
+    built = build_tracker(spec, options.precision, options.device, options.threads)
+    threads = f"{options.threads} thread{'s' if options.threads > 1 else ''}"
+    return built, f"model {options.model}, {built.engine}, {threads}"
 
 
 def _write(result: SimResult, files: SimFiles) -> SimResult:

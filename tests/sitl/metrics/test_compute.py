@@ -15,6 +15,7 @@ from sitl.metrics import (
     Wanted,
     all_passed,
     compute,
+    encounter,
     judge,
     run_json,
 )
@@ -34,6 +35,7 @@ def test_every_name_in_its_order_and_what_has_no_part_yet_is_none() -> None:
         "occlusion_longest_survived_s",
         "reacquire_median_s",
         "declare_loss_median_s",
+        *encounter.NAMES,
         "commands_after_override",
         "geolocation_err_rms_m",
         "delay_est_err_ms",

@@ -86,7 +86,7 @@ def test_a_number_with_a_physical_meaning_carries_its_unit() -> None:
         ("target.body", "seden", "did you mean sedan?"),
         ("target.path.points_ne_m", [], "target.path.points_ne_m: []"),
         ("target.path.points_ne_m", [[1, 2, 3]], "target.path.points_ne_m[0]"),
-        ("seed_policy", ["colour"], "seed_policy[0]: 'colour' is not one of texture, light"),
+        ("seed_policy", ["colours"], "seed_policy[0]: 'colours' is not one of texture, light"),
         ("vehicle.flavour", "ardupilt", "did you mean ardupilot?"),
         ("vehicle.takeoff_height_m", 1.9, "vehicle.takeoff_height_m: 1.9: must be a number from 2 to 120"),
         ("guidance.standoff_m", 4, "guidance.standoff_m: 4: must be a number from 5 to 500"),

@@ -1,0 +1,38 @@
+"""The numbers of `TargetTracker`, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tracker.association import AssociationConfig
+from tracker.filter import check_range
+from tracker.status import StatusConfig
+
+
+@dataclass(frozen=True, slots=True)
+class TargetConfig:
+    """Thresholds, times and budgets of `TargetTracker`.
+
+    A candidate below `use_confidence` never enters the estimate. A prediction is reported while its 2-sigma ellipse
+    stays within `search_half_sizes` target sizes (half the search crop: 287/127 of an exemplar of two sizes). Searches
+    take at most `max_calls` network calls per picture. `sure_*`: when the small search crop will do.
+    """
+
+    status: StatusConfig = field(default_factory=StatusConfig)
+    association: AssociationConfig = field(default_factory=AssociationConfig)
+    use_confidence: float = 0.25
+    search_half_sizes: float = 2.26
+    max_calls: int = 2
+    sure_confidence: float = 0.85
+    sure_sizes_s: float = 0.7
+
+    def __post_init__(self) -> None:
+        """Check every range. Raises ValueError naming field, value and range."""
+        for name, low, high in (
+            ("use_confidence", 0.0, self.status.drop_confidence),
+            ("search_half_sizes", 0.5, 50.0),
+            ("max_calls", 1, 16),
+            ("sure_confidence", 0.0, 1.0),
+            ("sure_sizes_s", 0.0, 100.0),
+        ):
+            check_range("target", name, getattr(self, name), low, high)

@@ -1,0 +1,1 @@
+"""Fitting the confidence: samples from sequences with truth, a regression, its figures on unseen sequences."""

@@ -1,0 +1,1 @@
+"""Trackers over whole data sets: jobs, their results, scores, tables and plots."""
