@@ -55,15 +55,6 @@ class Judged:
         return math.exp(-self.motion.nis / AFFINITY_NIS)
 
 
-@dataclass(frozen=True, slots=True)
-class Association:
-    """The choice; `best` is None when no candidate was usable, `rival` the strongest that looks nearly as good."""
-
-    best: Judged | None
-    rival: Judged | None
-    usable: int
-
-
 def judge_all(
     candidates: Sequence[Candidate], estimate: BoxFilter, model: ConfidenceModel, reference: Reference | None
 ) -> list[Judged]:
@@ -71,20 +62,18 @@ def judge_all(
     return [j for c in candidates if (j := _judge(c, estimate, model, reference)) is not None]
 
 
-def associate(judged: Sequence[Judged], config: AssociationConfig) -> Association:
-    """Choose. Those inside the gate come first: outside of it only the best appearance counts."""
+def associate(judged: Sequence[Judged], config: AssociationConfig) -> Judged | None:
+    """Choose; None of nothing. Those inside the gate come first: outside of it only the best appearance counts."""
     if not judged:
-        return Association(None, None, 0)
+        return None
     inside = [j for j in judged if j.inside]
     if not inside:
-        return Association(max(judged, key=_appearance), None, len(judged))
+        return max(judged, key=_appearance)
     top = max(j.appearance for j in inside)
     alike = [j for j in inside if j.appearance >= config.rival_share * top]
     several = any(apart(a, b) for a in alike for b in alike)
     weight = config.ambiguous_weight if several else config.affinity_weight
-    best = max(inside, key=lambda j: (1.0 - weight) * j.appearance + weight * j.affinity)
-    rivals = [j for j in judged if apart(j, best) and j.appearance >= config.rival_share * best.appearance]
-    return Association(best, max(rivals, key=_appearance, default=None), len(judged))
+    return max(inside, key=lambda j: (1.0 - weight) * j.appearance + weight * j.affinity)
 
 
 def apart(a: Judged, b: Judged) -> bool:

@@ -210,6 +210,16 @@ class BoxFilter:
         reason = UpdateReason.INSIDE_GATE if nis <= self._config.gate_nis else UpdateReason.OUTSIDE_GATE
         return Innovation(reason, nis, (float(y[0]), float(y[1]), float(y[2]), float(y[3])))
 
+    def log_likelihood(self, box: Box, score: float) -> float:
+        """Of a measurement under the prior: -(NIS + ln det S) / 2. Minus infinity when it is not usable."""
+        judged = self.innovation(box, score)
+        if judged.nis is None:
+            return -math.inf
+        size = 1.0 / self._size_px()  # positions in target sizes, so that filters of different sizes compare
+        unit = np.diag([size, size, 1.0, 1.0])
+        s = unit @ (self._kf.P[:4, :4] + self._measurement_noise(score)) @ unit
+        return -0.5 * (judged.nis + float(np.linalg.slogdet(s)[1]))
+
     def update(self, box: Box, score: float) -> Innovation:
         """Take a measurement made at the predicted time, with the tracker's score in [0, 1] (clipped) as its quality.
 

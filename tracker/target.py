@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tracker.agreement import AgreeingRun
-from tracker.alarms import AlarmFacts, Alarms, LockFacts, active
 from tracker.association import Judged, associate, judge_all
 from tracker.box import Box
 from tracker.collapse import SizeMemory
@@ -22,7 +21,6 @@ from tracker.confidence.features import Doubt
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
 from tracker.filter import BoxFilter, FilterConfig, UpdateReason
-from tracker.memory_gates import MemoryFacts, MemoryGates
 from tracker.messages import (
     Array,
     Candidate,
@@ -34,9 +32,11 @@ from tracker.messages import (
     TargetState,
     TargetStatus,
 )
+from tracker.rivals import RivalTracks
 from tracker.search_plan import PlannedSearch, SearchPlan
 from tracker.status import ACQUIRING, AT_REST, COASTING, LOCKED, LOST, SEARCHING, Event, StatusMachine
 from tracker.target_config import TargetConfig
+from tracker.watch import Sight, Watch
 
 __all__ = ["TargetConfig", "TargetTracker"]
 
@@ -72,9 +72,9 @@ class TargetTracker:
         self._reference = Reference()
         self._run = AgreeingRun()
         self._sizes = SizeMemory()
+        self._rivals = RivalTracks(filter_config=filter_config)
         self._plan = SearchPlan()
-        self._alarms = Alarms()
-        self._gates = MemoryGates()
+        self._watch = Watch()
         self._forget()
 
     def start(self, box: Box, t_s: float) -> TargetState:
@@ -166,7 +166,7 @@ class TargetTracker:
         """Move the estimate with the picture (ego-motion); False, and nothing moved, when idle or not finite."""
         if self._machine.status in AT_REST or not self._filter.shift(dx_px, dy_px):
             return False
-        for part in (self._run, self._sizes, self._plan, self._alarms):
+        for part in (self._run, self._sizes, self._rivals, self._plan, self._watch):
             part.shift(dx_px, dy_px)
         self._ego_known = True
         return True
@@ -182,9 +182,9 @@ class TargetTracker:
         self._reference.clear()
         self._run.clear()
         self._sizes.clear()
+        self._rivals.clear()
         self._plan.reset()
-        self._alarms.reset()
-        self._gates.reset(0.0 if self._t_s is None else self._t_s)
+        self._watch.reset(0.0 if self._t_s is None else self._t_s)
 
     def _forget_step(self) -> None:
         """Nothing of the picture before."""
@@ -202,14 +202,20 @@ class TargetTracker:
     def _look(self, candidates: Sequence[Candidate], t_s: float) -> TargetReason:
         """Choose among the candidates and move the status by what was seen."""
         judged = judge_all(candidates, self._filter, self._model, self._reference)
-        found = associate(judged, self._config.association)
-        if found.best is None:
+        self._rivals.predict(t_s)
+        mine = self._rivals.unclaimed(judged, self._filter)
+        best = associate(mine, self._config.association)
+        if not judged:
             reason = self._miss(TargetReason.NOT_FINITE if candidates else TargetReason.NO_CANDIDATE, t_s)
+        elif best is None:
+            reason = self._miss(TargetReason.AMBIGUOUS, t_s)
         elif self._machine.status is SEARCHING:
-            reason = self._reacquire(judged, t_s)
+            reason = self._reacquire(mine, t_s)
         else:
-            reason = self._take(found.best, t_s)
-        return self._watch(candidates, reason, t_s)
+            reason = self._take(best, t_s)
+        sure = self._machine.status is LOCKED and self._confidence >= self._config.status.drop_confidence
+        self._rivals.step(judged, self._chosen, sure)
+        return self._observe(candidates, reason, t_s)
 
     def _reacquire(self, judged: Sequence[Judged], t_s: float) -> TargetReason:
         """Found again is what looks like this target in the same place for `reacquire_s`."""
@@ -223,7 +229,6 @@ class TargetTracker:
             return TargetReason.CONFIRMING
         self._filter.start(best.candidate.box, t_s)
         self._sizes.clear()
-        self._gates.reset(t_s)
         self._lock(best, best.appearance, Event.CONFIRMED, t_s)
         return TargetReason.REACQUIRED
 
@@ -313,50 +318,26 @@ class TargetTracker:
             self._filter.resize(before)
         return True
 
-    def _watch(self, candidates: Sequence[Candidate], reason: TargetReason, t_s: float) -> TargetReason:
+    def _observe(self, candidates: Sequence[Candidate], reason: TargetReason, t_s: float) -> TargetReason:
         """Alarms, and what should be remembered of this picture. A false lock ends the lock."""
-        f, chosen, locked = self._filter, self._chosen, self._machine.status is LOCKED
-        size_px = math.sqrt(f.box.w_px * f.box.h_px)
-        evidence = chosen.candidate.evidence if chosen is not None else None
-        lock = LockFacts(
-            t_s,
-            locked,
-            exemplar=evidence.exemplar if evidence is not None else None,
-            recent=evidence.recent if evidence is not None else None,
-            ln_size=math.log(size_px),
-            nis=chosen.motion.nis if chosen is not None else None,
-            speed_sizes_s=math.hypot(*f.vel_px_s) / size_px if self._ego_known else None,
-        )
-        rival, false_lock = self._alarms.step(AlarmFacts(candidates, chosen.candidate if chosen else None, lock))
-        self._active = active(rival, false_lock)
-        if false_lock.on and locked:
-            self._machine.happen(Event.FALSE_LOCK, t_s)
-            self._plan.reset()
-            self._chosen = None
-            reason = TargetReason.FALSE_LOCK
-        self._remember(t_s)
-        return reason
-
-    def _remember(self, t_s: float) -> None:
-        """The wish that what was found be remembered, when every gate passes."""
-        chosen = self._chosen
-        if self._image_size_px is None:
-            return
-        box = chosen.candidate.box if chosen is not None else self._filter.box
-        evidence = chosen.candidate.evidence if chosen is not None else None
-        facts = MemoryFacts(
+        assert self._image_size_px is not None
+        seen = Sight(
             t_s,
             locked=self._machine.status is LOCKED,
             confidence=self._confidence,
-            ambiguous=TargetAlarm.DISTRACTOR in self._active,
-            exemplar=evidence.exemplar if evidence is not None else None,
-            box=box,
+            candidates=candidates,
+            chosen=self._chosen,
+            estimate=self._filter,
             image_size_px=self._image_size_px,
-            ln_size=math.log(math.sqrt(box.w_px * box.h_px)),
-            alarms=self._active,
+            ego_known=self._ego_known,
         )
-        decision = self._gates.step(facts)
-        self._memory = MemoryWrite(decision.slot, box) if decision.slot is not None else None
+        self._active, self._memory = self._watch.step(seen)
+        if TargetAlarm.FALSE_LOCK in self._active and seen.locked:
+            self._machine.happen(Event.FALSE_LOCK, t_s)
+            self._plan.reset()
+            self._chosen = None
+            return TargetReason.FALSE_LOCK
+        return reason
 
     def _plan_search(self, t_s: float) -> None:
         """Where the next picture is searched; a place where something was seen a moment ago is looked at again."""

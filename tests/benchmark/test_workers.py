@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 from collections import deque
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from tests.benchmark import fakes
 from tests.benchmark.fakes import FRAMES, mark, write_sequence
 from tracker.benchmark.readers import find_sequences
 from uavfollow.benchmark import workers
-from uavfollow.benchmark.job import Job, Row, Track, run_job
+from uavfollow.benchmark.job import Job, JobError, Row, Track, run_job
 from uavfollow.benchmark.workers import DIED, run_jobs
 from uavfollow.interrupts import orderly_end
 from uavfollow.trackers import TrackerSpec
@@ -58,18 +59,24 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_beside_as_here_and_one_that_dies_spoils_nothing(folders: tuple[Path, Path]) -> None:
     plain, marked = folders
-    jobs = [_job(plain, "bright"), _job(marked, "dies"), _job(marked, "raises")]
+    bright = _job(plain, "bright")
     beside, here = Notes(), Notes()
-    run_jobs(jobs, 2, beside)
-    run_jobs([jobs[0], jobs[2]], 1, here)
-    assert beside.failures.pop("dies marked") == DIED
-    assert beside.failures == here.failures
-    assert "RuntimeError: no more of this" in here.failures["raises marked"]
+    run_jobs([bright, _job(marked, "dies")], 2, beside)
+    run_jobs([bright], 1, here)
+    assert beside.failures == {"dies marked": DIED}
     assert beside.tracks == here.tracks
     assert here.tracks.keys() == {"bright plain"}
-    assert here.count == FRAMES + 5
+    assert here.count == FRAMES
     assert beside.count >= FRAMES
     assert multiprocessing.active_children() == []
+
+
+def test_an_error_comes_back_from_a_worker_as_it_was(folders: tuple[Path, Path]) -> None:
+    notes = Notes()
+    run_jobs([_job(folders[1], "raises")], 1, notes)
+    (told,) = notes.failures.values()
+    assert "RuntimeError: no more of this" in told
+    assert str(pickle.loads(pickle.dumps(JobError(told)))) == told
 
 
 class Breaks:
@@ -86,7 +93,10 @@ class Breaks:
             self.broken = True
             future.set_exception(BrokenProcessPool())
         elif job.name != "bright marked":  # that one never ends by itself
-            future.set_result(run_job(job, lambda: False))
+            try:
+                future.set_result(run_job(job, lambda: False))
+            except JobError as error:
+                future.set_exception(error)
         return future
 
 
@@ -115,11 +125,12 @@ def test_of_a_broken_pool_every_running_job_is_tried_alone(
 
     monkeypatch.setattr(workers, "_run_beside", watched)
     notes = Notes()
-    jobs = [_job(marked, "bright"), _job(marked, "dies"), _job(plain, "bright"), _job(plain, "raises")]
+    jobs = [_job(marked, "bright"), _job(marked, "dies"), _job(plain, "bright"), _job(marked, "raises")]
     run_jobs(jobs, 2, notes)
     assert sorted(tried) == ["bright marked", "dies marked"]
+    assert "RuntimeError: no more of this" in notes.failures.pop("raises marked")
     assert notes.failures == {"dies marked": DIED}
-    assert notes.tracks.keys() == {"bright marked", "bright plain", "raises plain"}
+    assert notes.tracks.keys() == {"bright marked", "bright plain"}
     assert [processes for processes, _ in pools] == [2, 1, 2]
 
 

@@ -18,7 +18,9 @@ from tracker.siamapnpp.windows import FLOOR_PX, Window
 
 LR_STEP_S = 1 / 30  # the time that the official rate of size smoothing is meant for
 STEP_RANGE_S = (1 / 120, 0.5)  # shorter is jitter of stamps; after longer the size is as good as new
-MAX_LOOK_SCALE = 1.15  # in a wider window the target is too small for its features to be compared with an exemplar's
+# In a wider window the target is too small for its features to be those of an exemplar: ROC AUC of their likeness 0.99
+# at scale 1, 0.98 at 1.15, 0.97 at 1.3, 0.91 at 1.6, 0.81 at 2 (15 training videos).
+MAX_LOOK_SCALE = 1.15
 
 Likeness = Callable[[Array | None], tuple[float | None, float | None]]
 

@@ -70,6 +70,8 @@ def fly(job: SuiteJob, is_wanted: Callable[[], bool]) -> Flown | None:
         result = run_sim(load_scenario(job.scenario), options, step)
     except InputError as error:
         raise SuiteError(str(error)) from None
+    except Exception as error:  # others may not carry over to the parent, and would take the whole pool with them
+        raise SuiteError(f"{type(error).__name__}: {error}") from None
     if result.log.interrupted:
         return None
     return Flown(result.as_json(), result.wall_s, film.strip() if film is not None else None)

@@ -90,6 +90,7 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
             process.join(STOP_S)
             if process.is_alive():
                 process.kill()
+                process.join()
         raise
     finally:
         pool.shutdown(wait=True)

@@ -178,7 +178,7 @@ def test_in_line_sets_the_start_and_keeps_the_speed() -> None:
         ({"mover": "walker"}, "encounters[0].mover: 'walker' stands; give its path another point and a speed"),
         ({"hidden_s": 3}, "encounters: twin: it hides target for 0.0 s at most, 3 s are wanted; make its way or what"),
         ({"mover": "target"}, "encounters: target: nothing hides it whole on its way"),
-        ({"mover": "target", "hidden_s": 2}, "encounters: target: it is hidden for 0.0 s at most, 2 s are wanted"),
+        ({"mover": "target", "hidden_s": 2}, "encounters: target: nothing hides it whole on its way"),
     ],
 )
 def test_an_encounter_that_cannot_be_is_refused_by_name(changes: dict[str, Any], expected: str) -> None:

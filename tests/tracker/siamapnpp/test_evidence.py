@@ -55,6 +55,16 @@ def test_the_footprint_is_that_of_the_target_but_never_less_than_a_cell() -> Non
     assert footprint(0.1, 0.1) == (8.0, 8.0)
 
 
+def test_all_heads_and_the_shape_count_for_a_second_place() -> None:
+    maps = maps_with({(10, 10): 4.0, (10, 19): 4.0})
+    assert _evidence(maps).second == pytest.approx(1.0)
+    maps.cls1[1, 10, 19] = -4.0
+    weaker = _evidence(maps).second
+    assert weaker == pytest.approx(1.0 - 1.2 / 3.6, abs=0.02)
+    maps.loc[2:, 10, 19] = math.log(2.0)
+    assert _evidence(maps).second == pytest.approx(weaker * math.exp(-SETTINGS.penalty_k), rel=1e-3)
+
+
 def test_the_window_does_not_hide_a_rival_at_the_edge() -> None:
     maps = maps_with({(10, 10): 1.0, (10, 20): 4.0})
     decoded = decode(maps, SETTINGS)

@@ -38,6 +38,7 @@ def test_recent_is_replaced_and_the_oldest_anchor_goes() -> None:
     memory.keep(_axis(2), MemorySlot.RECENT)
     assert memory.likeness(_axis(1))[1] == 0.0
     assert memory.likeness(_axis(2))[1] == 1.0
+    assert MAX_ANCHORS == 3
     for k in range(3, 3 + MAX_ANCHORS + 1):
         memory.keep(_axis(k), MemorySlot.ANCHOR)
     assert memory.likeness(_axis(3))[1] == 0.0

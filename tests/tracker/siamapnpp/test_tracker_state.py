@@ -168,6 +168,10 @@ def test_size_follows_by_the_picture_or_by_the_second() -> None:
     assert _grown(by_second, 1 / 60) == pytest.approx(1 - (1 - official) ** 0.5)
     assert _grown(by_second, 0.001) == _grown(by_second, 1 / 120) > 0
     assert _grown(by_second, 60.0) == _grown(by_second, 0.5) < 1
+    tracker, _ = _tracker(maps_with({}), maps_with(CENTRE, box_px=95.0), settings=by_second)
+    tracker.update(_frame(t_s=5.0), _hint())
+    late = tracker.update(_frame(t_s=5.0 + 1 / 30), _hint(size_px=(40.0, 40.0)))[0].box.w_px
+    assert (late - 40.0) / (40.0 * 95.0 / 63.5 - 40.0) == pytest.approx(official)  # the time is that between pictures
 
 
 @pytest.mark.parametrize("t_s", [float("nan"), float("inf"), -5.0, 0.0, 1e9])
