@@ -1,11 +1,12 @@
 """Which candidate is the target: appearance and motion together.
 
-    total = (1 - w) appearance + w affinity,   affinity = exp(-NIS / 8)
+    total = ln(p / (1 - p)) - motion_weight NIS / 2
 
-`appearance` is the probability by appearance alone (or the score, where no model is fitted), NIS the squared innovation
-of place and size by its covariance: 0.6 one sigma off in each of four, near 0 at the gate. The weight w rises with the
-ambiguity: when another place looks nearly as good, appearance tells little (Yang et al. 2024, SAMURAI, section 3, who
-mix the overlap with the prediction; a small target at 10 pictures per second overlaps nothing).
+p is the probability by appearance alone (or the score, where no model is fitted), NIS the squared innovation of place
+and size by its covariance: both terms are log-likelihoods, of look and of motion. So the more alike two candidates
+look, the more motion decides; one that stands out wins even where it was not expected, as far as the gate reaches.
+(SAMURAI, Yang et al. 2024, mixes score and overlap with the prediction; a small target at 10 pictures per second
+overlaps nothing.)
 """
 
 from __future__ import annotations
@@ -20,23 +21,19 @@ from tracker.confidence.reference import Reference
 from tracker.filter import BoxFilter, check_range, usable_box
 from tracker.messages import Candidate
 
-AFFINITY_NIS = 8.0  # twice the degrees of freedom: a true measurement has an affinity of 0.6 at the median
+MAX_LOGIT = 6.0  # 0.998: surer than that an appearance cannot be
 APART_SIZES = 0.7  # two boxes nearer than this to each other are one thing
 
 
 @dataclass(frozen=True, slots=True)
 class AssociationConfig:
-    """Weights of the motion when one candidate stands out, and when another looks as good."""
+    """`motion_weight`: 1 trusts the covariance as it is, less thinks of it as too small."""
 
-    affinity_weight: float = 0.3
-    ambiguous_weight: float = 0.7
-    rival_share: float = 0.8  # of the best appearance: from there on another candidate is a rival
+    motion_weight: float = 1.0
 
     def __post_init__(self) -> None:
         """Check every range. Raises ValueError naming field, value and range."""
-        check_range("association", "affinity_weight", self.affinity_weight, 0.0, 1.0)
-        check_range("association", "ambiguous_weight", self.ambiguous_weight, self.affinity_weight, 1.0)
-        check_range("association", "rival_share", self.rival_share, 0.0, 1.0)
+        check_range("association", "motion_weight", self.motion_weight, 0.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +46,11 @@ class Judged:
     probability: float
     inside: bool
 
-    @property
-    def affinity(self) -> float:
-        """How well it fits the motion, in [0, 1]."""
-        return math.exp(-self.motion.nis / AFFINITY_NIS)
+    def total(self, motion_weight: float) -> float:
+        """Log-likelihood of look and motion."""
+        p = min(max(self.appearance, 0.0), 1.0)
+        logit = math.log(max(p, 1e-9) / max(1.0 - p, 1e-9))
+        return min(max(logit, -MAX_LOGIT), MAX_LOGIT) - 0.5 * motion_weight * self.motion.nis
 
 
 def judge_all(
@@ -69,11 +67,7 @@ def associate(judged: Sequence[Judged], config: AssociationConfig) -> Judged | N
     inside = [j for j in judged if j.inside]
     if not inside:
         return max(judged, key=_appearance)
-    top = max(j.appearance for j in inside)
-    alike = [j for j in inside if j.appearance >= config.rival_share * top]
-    several = any(apart(a, b) for a in alike for b in alike)
-    weight = config.ambiguous_weight if several else config.affinity_weight
-    return max(inside, key=lambda j: (1.0 - weight) * j.appearance + weight * j.affinity)
+    return max(inside, key=lambda j: j.total(config.motion_weight))
 
 
 def apart(a: Judged, b: Judged) -> bool:

@@ -14,10 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from tracker.association import Judged, apart
 from tracker.filter import BoxFilter, FilterConfig, check_range
 
+CLAIM_NIS = 9.49  # chi-square, 4 degrees of freedom, 95 %: what a rival does less often than once in 20 is not it
+SAME_SIZES = 0.4  # a rival predicted so near to the target, and not seen elsewhere, is the target
 MAX_RIVALS = 4  # more than so many alike are a crowd, in which motion tells nothing either
 
 
@@ -25,14 +28,13 @@ MAX_RIVALS = 4  # more than so many alike are a crowd, in which motion tells not
 class RivalConfig:
     """Limits of `RivalTracks`.
 
-    A rival is born at an appearance of `birth_share` of the target's, counts after `mature_s`, is kept up by candidates
-    from `keep_appearance` on, and forgotten `forget_s` after it was last seen. A candidate is ambiguous when the
-    likelihoods by both motions differ by less than a factor of `clear_ratio`.
+    A rival is born at an appearance of `birth_share` of the target's, is kept up by candidates from `keep_appearance`
+    on, and forgotten `forget_s` after it was last seen. A candidate is the target's only when it is more probable by
+    the target's motion than by the rival's by a factor of `clear_ratio`.
     """
 
     birth_share: float = 0.6
     keep_appearance: float = 0.3
-    mature_s: float = 0.1
     forget_s: float = 1.0
     clear_ratio: float = 3.0
 
@@ -41,7 +43,6 @@ class RivalConfig:
         for name, low, high in (
             ("birth_share", 0.0, 1.0),
             ("keep_appearance", 0.0, 1.0),
-            ("mature_s", 0.0, 10.0),
             ("forget_s", 0.0, 60.0),
             ("clear_ratio", 1.0, 1e6),
         ):
@@ -51,7 +52,6 @@ class RivalConfig:
 @dataclass(slots=True)
 class _Rival:
     estimate: BoxFilter
-    born_s: float
     seen_s: float
 
 
@@ -62,11 +62,12 @@ class RivalTracks:
         self._config = config or RivalConfig()
         self._filter_config = filter_config
         self._rivals: list[_Rival] = []
+        self._claims: list[tuple[_Rival, Judged]] = []
         self._t_s = -math.inf
 
     def clear(self) -> None:
         """Forget all, as for a new target."""
-        self._rivals, self._t_s = [], -math.inf
+        self._rivals, self._claims, self._t_s = [], [], -math.inf
 
     def shift(self, dx_px: float, dy_px: float) -> None:
         """Move with the picture (ego-motion)."""
@@ -81,42 +82,52 @@ class RivalTracks:
             rival.estimate.predict(t_s)
 
     def unclaimed(self, judged: Sequence[Judged], target: BoxFilter) -> list[Judged]:
-        """Those candidates that are more probably the target than any rival, clearly."""
-        return [j for j in judged if not self._claimed(j, target)]
+        """Those candidates that are not a rival. Each rival is one candidate at most: the one that fits it best."""
+        left = list(judged)
+        self._claims = []
+        for rival in self._rivals:
+            able = (j for j in left if j.appearance >= self._config.keep_appearance)
+            seen = [j for j in able if _likely(rival.estimate, j)]
+            best = max(seen, key=partial(_fit, rival.estimate), default=None)
+            if best is None:
+                continue
+            if _fit(rival.estimate, best) > _fit(target, best) - math.log(self._config.clear_ratio):
+                self._claims.append((rival, best))
+                left.remove(best)
+        return left
 
     def step(self, judged: Sequence[Judged], chosen: Judged | None, sure: bool) -> None:
-        """Give what was not chosen to the rivals; new ones are born beside a target that was seen for `sure`."""
-        left = [j for j in judged if j is not chosen and (chosen is None or apart(j, chosen))]
-        left.sort(key=lambda j: -j.appearance)
-        for one in left:
-            if one.appearance < self._config.keep_appearance or self._keep(one):
-                continue
-            if sure and chosen is not None and self._is_alike(one, chosen) and len(self._rivals) < MAX_RIVALS:
-                estimate = BoxFilter(self._filter_config)
-                estimate.start(one.candidate.box, self._t_s)
-                self._rivals.append(_Rival(estimate, self._t_s, self._t_s))
+        """Follow the rivals; new ones are born beside a target that was seen for `sure`."""
+        for rival, one in self._claims:
+            if rival.estimate.update(one.candidate.box, one.appearance).accepted:
+                rival.seen_s = self._t_s
+        if chosen is None:
+            return
+        # What is now seen as the target is no rival: who was there was it all along.
+        self._rivals = [r for r in self._rivals if r.seen_s == self._t_s or not _same_place(r.estimate, chosen)]
+        claimed = [one for _, one in self._claims]
+        for one in sorted(judged, key=lambda j: -j.appearance):
+            if sure and one not in claimed and apart(one, chosen) and len(self._rivals) < MAX_RIVALS:
+                self._bear(one, chosen)
 
-    def _is_alike(self, one: Judged, chosen: Judged) -> bool:
-        return one.appearance >= self._config.birth_share * chosen.appearance
+    def _bear(self, one: Judged, chosen: Judged) -> None:
+        if one.appearance < max(self._config.birth_share * chosen.appearance, self._config.keep_appearance):
+            return
+        estimate = BoxFilter(self._filter_config)
+        estimate.start(one.candidate.box, self._t_s)
+        self._rivals.append(_Rival(estimate, self._t_s))
 
-    def _keep(self, one: Judged) -> bool:
-        """Whether a candidate belongs to a rival that was not yet seen in this step; it is then updated."""
-        free = [r for r in self._rivals if r.seen_s < self._t_s]
-        best = max(free, key=lambda r: _fit(r.estimate, one), default=None)
-        if best is None or not best.estimate.update(one.candidate.box, one.appearance).accepted:
-            return False
-        best.seen_s = self._t_s
-        return True
 
-    def _claimed(self, one: Judged, target: BoxFilter) -> bool:
-        own = _fit(target, one)
-        mature = (r for r in self._rivals if r.seen_s - r.born_s >= self._config.mature_s)
-        return any(_fit(r.estimate, one) > own - math.log(self._config.clear_ratio) for r in mature)
+def _same_place(estimate: BoxFilter, one: Judged) -> bool:
+    rival, box = estimate.box, one.candidate.box
+    return math.hypot(rival.cx_px - box.cx_px, rival.cy_px - box.cy_px) < SAME_SIZES * math.sqrt(box.w_px * box.h_px)
 
 
 def _fit(estimate: BoxFilter, one: Judged) -> float:
-    """Log-likelihood of a candidate by a filter's motion; minus infinity outside of its gate."""
-    box = one.candidate.box
-    if not estimate.innovation(box, one.appearance).accepted:
-        return -math.inf
-    return estimate.log_likelihood(box, one.appearance)
+    """Log-likelihood of a candidate by a filter's motion."""
+    return estimate.log_likelihood(one.candidate.box, one.appearance)
+
+
+def _likely(estimate: BoxFilter, one: Judged) -> bool:
+    nis = estimate.innovation(one.candidate.box, one.appearance).nis
+    return nis is not None and nis <= CLAIM_NIS

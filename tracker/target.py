@@ -222,7 +222,7 @@ class TargetTracker:
         sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
         if not sure:
             return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
-        best = max(sure, key=lambda j: j.appearance + self._config.association.affinity_weight * j.affinity)
+        best = max(sure, key=lambda j: j.total(self._config.association.motion_weight))
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
         if not self._run.lasted(self._config.status.reacquire_s):

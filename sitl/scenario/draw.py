@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sitl.scenario.transform import mirrored
 from sitl.scenario.variety import EncounterSection, PaintsSection, VarietySection
 from sitl.scene import Vector
 from sitl.world.motion import Path
-from sitl.world.spec import CarSpec, PathSpec, WorldSpec
+from sitl.world.spec import CarSpec, PathSpec, PersonSpec, WorldSpec
 
 MIDDLE_M = 0.75  # height of the target's middle that the camera is pointed at
 
@@ -87,10 +88,8 @@ def _moved(world: things.WorldSection, north_m: float, east_m: float) -> things.
 
 def _painted(scenario: Scenario, paints: Sequence[PaintsSection], rng: np.random.Generator) -> Scenario:
     for paint in paints:
-        colour = paint.colours_rgb[int(rng.integers(len(paint.colours_rgb)))]
-        scenario = _changed(
-            scenario, paint.movers, lambda m, colour=colour: m.model_copy(update={"colour_rgb": colour})
-        )
+        change: dict[str, object] = {"colour_rgb": paint.colours_rgb[int(rng.integers(len(paint.colours_rgb)))]}
+        scenario = _changed(scenario, paint.movers, partial(_with, change))
     return scenario
 
 
@@ -103,6 +102,10 @@ def _changed(scenario: Scenario, names: Sequence[str], change: Callable[[things.
             "distractors": tuple(change(d) if d.name in names else d for d in others),
         }
     )
+
+
+def _with(changes: dict[str, object], mover: things.Mover) -> things.Mover:
+    return mover.model_copy(update=changes)
 
 
 def _on_way(mover: things.Mover, changes: dict[str, object]) -> things.Mover:
@@ -155,4 +158,5 @@ def _pointed(scenario: Scenario, seed: int) -> Scenario:
 
 
 def _path(spec: WorldSpec, name: str) -> PathSpec:
-    return next(mover.path for mover in (*spec.cars, *spec.persons) if mover.name == name)
+    movers: tuple[CarSpec | PersonSpec, ...] = (*spec.cars, *spec.persons)
+    return next(mover.path for mover in movers if mover.name == name)

@@ -136,7 +136,8 @@ def test_an_output_in_the_way_is_said_before_the_flight(short, tmp_path, capsys)
 
 def test_list_and_show(capsys):
     assert run("sitl", "list") == 0
-    assert all(name in capsys.readouterr().out for name in builtin_names())
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in builtin_names())
     assert run("sitl", "show", "default") == 0
     assert yaml.safe_load(capsys.readouterr().out)["name"] == "default"
     assert run("sitl", "show", "defualt") == 2

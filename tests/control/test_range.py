@@ -96,3 +96,20 @@ def test_a_thing_that_stands_on_the_ground_is_not_taken_for_one_further_away(dep
     found = ground_range_m(sight, height_m, half_height_rad)
     assert found == pytest.approx(range_m, rel=1e-6)
     assert ground_range_m(sight, height_m) > range_m
+
+
+@given(st.floats(0.1, 10.0), st.floats(10, 150))
+def test_a_box_redrawn_larger_is_the_same_target_at_the_same_range(factor, size_px):
+    before = LAW.estimate(target(box=Box(320, 180, size_px, size_px)))
+    redrawn = LAW.resized(factor)
+    after = redrawn.estimate(target(box=Box(320, 180, size_px * factor, size_px * factor)))
+    if size_px * factor >= MIN_SIZE_PX:
+        assert (after.valid, after.range_m) == (before.valid, pytest.approx(before.range_m))
+    assert redrawn.reference_range_m == LAW.reference_range_m
+    assert LAW.reference_size_px == 40.0
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
+def test_a_factor_that_cannot_be_is_refused(factor):
+    with pytest.raises(ValueError, match="reference_size_px"):
+        LAW.resized(factor)

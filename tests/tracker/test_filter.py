@@ -1,6 +1,7 @@
 """The box filter: consistent with its own noise model, blind to what is not finite, bounded without measurements."""
 
 import math
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from tracker.filter import (
     GATE_NIS,
     MAX_DT_S,
     MIN_SIZE_PX,
+    MOVING_SIZES_S,
+    START_GROWTH_S,
     START_LN_SIZE,
     START_POS_SIZES,
     START_VEL_SIZES_S,
@@ -26,6 +29,7 @@ from tracker.filter import (
     PredictReason,
     UpdateReason,
 )
+from tracker.messages import Array
 
 BOX = Box(300.0, 200.0, 30.0, 60.0)
 SIZE_PX = math.sqrt(30.0 * 60.0)
@@ -64,42 +68,53 @@ def fingerprint(f: BoxFilter) -> tuple[object, ...]:
 
 
 def simulate(config: FilterConfig, seed: int, fps: float, steps: int, score: float) -> tuple[list[float], list[float]]:
-    """NIS and NEES of one run on a truth made by fine integration of acceleration and shake, not by F and Q."""
+    """NIS and NEES of one run on a truth made by fine integration of acceleration and both shakes, not by F and Q.
+
+    All noises scale with the true size, as those of the filter do with the size that it estimates.
+    """
     rng = np.random.default_rng(seed)
-    accel = np.array([config.accel_sizes_s1_5 * SIZE_PX] * 2 + [config.growth_accel_s1_5] * 2)
-    shake = np.array([config.shake_sizes_s0_5 * SIZE_PX] * 2 + [0.0] * 2)
-    pos_sigma = config.pos_sigma_best**score * config.pos_sigma_worst ** (1 - score) * SIZE_PX
+
+    def scaled(pos_sizes: float, ln_size: float, x: Array) -> Array:
+        size_px = math.exp((x[2] + x[3]) / 2)
+        return np.array([pos_sizes * size_px, pos_sizes * size_px, ln_size, ln_size])
+
+    pos_sigma = config.pos_sigma_best**score * config.pos_sigma_worst ** (1 - score)
     ln_sigma = config.ln_size_sigma_best**score * config.ln_size_sigma_worst ** (1 - score)
-    sigma = np.array([pos_sigma, pos_sigma, ln_sigma, ln_sigma])
-    centre = np.array([BOX.cx_px, BOX.cy_px, math.log(BOX.w_px), math.log(BOX.h_px)])
-    pos = centre + rng.normal(size=4) * np.repeat([START_POS_SIZES * SIZE_PX, START_LN_SIZE], 2)
-    vel = rng.normal(size=4) * np.array([START_VEL_SIZES_S * SIZE_PX] * 2 + [0.02] * 2)
-    f, substeps = started(config), 20
+    x = np.array([BOX.cx_px, BOX.cy_px, math.log(BOX.w_px), math.log(BOX.h_px)])
+    rate = rng.normal(size=4) * scaled(START_VEL_SIZES_S, START_GROWTH_S, x)
+    x = x + rng.normal(size=4) * scaled(START_POS_SIZES, START_LN_SIZE, x)
+    f, substeps = started(config), 10
     nis, nees = [], []
     for k in range(1, steps + 1):
         dt = 1 / fps / substeps
-        for _ in range(substeps):
-            pos = pos + vel * dt + shake * math.sqrt(dt) * rng.normal(size=4)
-            vel = vel + accel * math.sqrt(dt) * rng.normal(size=4)
+        for shake, accel in rng.normal(size=(substeps, 2, 4)) * math.sqrt(dt):
+            x = x + rate * dt + shake * scaled(config.shake_sizes_s0_5, config.size_shake_s0_5, x)
+            rate = rate + accel * scaled(config.accel_sizes_s1_5, config.growth_accel_s1_5, x)
         f.predict(k / fps)
-        z = pos + sigma * rng.normal(size=4)
+        z = x + rng.normal(size=4) * scaled(pos_sigma, ln_sigma, x)
         found = f.update(Box(z[0], z[1], math.exp(z[2]), math.exp(z[3])), score)
         b = f.box
-        error = pos - np.array([b.cx_px, b.cy_px, math.log(b.w_px), math.log(b.h_px)])
+        error = x - np.array([b.cx_px, b.cy_px, math.log(b.w_px), math.log(b.h_px)])
         nis.append(found.nis)
         nees.append(float(error @ np.linalg.solve(f.cov, error)))
     return nis, nees
 
 
-@pytest.mark.parametrize(("fps", "score"), [(30.0, 0.9), (10.0, 0.5)])
-def test_nis_and_nees_are_chi_square(fps, score):
-    # A nearly constant size: Q and R scale with the estimated size, which the truth of this test must not wander from.
-    config = FilterConfig(growth_accel_s1_5=0.01, ln_size_sigma_best=0.01, ln_size_sigma_worst=0.1, gate_nis=1000.0)
-    runs = [simulate(config, seed, fps, 60, score) for seed in range(60)]
-    nis = np.array([r[0] for r in runs])
-    nees = np.array([r[1] for r in runs])
-    # The initial growth of the truth is smaller than the filter's start sigma: leave the first steps out.
-    nis, nees = nis[:, 15:], nees[:, 15:]
+# The noises as configured, and a size that is known well: what scales with it is then known as well.
+NOISES = {
+    "default": FilterConfig(gate_nis=1000.0),
+    "well known size": FilterConfig(
+        growth_accel_s1_5=0.05, size_shake_s0_5=0.05, ln_size_sigma_best=0.01, ln_size_sigma_worst=0.1, gate_nis=1000.0
+    ),
+}
+
+
+# A second and a little: over longer the shakes as configured make a size that no picture holds.
+@pytest.mark.parametrize(("fps", "score", "steps", "seeds"), [(30.0, 0.9, 36, 40), (10.0, 0.6, 12, 100)])
+@pytest.mark.parametrize("noise", NOISES)
+def test_nis_and_nees_are_chi_square(noise, fps, score, steps, seeds):
+    runs = [simulate(NOISES[noise], seed, fps, steps, score) for seed in range(seeds)]
+    nis, nees = np.array([r[0] for r in runs]), np.array([r[1] for r in runs])
     bound = 4 * math.sqrt(2 * 4 / nis.size)  # innovations are white: 4 sigma of the mean of independent chi-squares
     assert abs(nis.mean() - 4.0) < bound + 0.1  # 0.1: the size is estimated
     assert 0.90 <= (nis < CHI2_4_95).mean() <= 0.99
@@ -111,7 +126,8 @@ def test_nis_is_the_quadratic_form_of_the_stated_innovation():
     f = started()
     f.predict(0.1)
     found = f.innovation(moved(BOX, 5.0, -3.0), 1.0)
-    sigma2 = np.repeat([(0.06 * SIZE_PX) ** 2, 0.1**2], 2)
+    c = FilterConfig()
+    sigma2 = np.repeat([(c.pos_sigma_best * SIZE_PX) ** 2, c.ln_size_sigma_best**2], 2)
     y = np.array([5.0, -3.0, 0.0, 0.0])
     assert found.y == pytest.approx(tuple(y), abs=1e-9)
     assert found.nis == pytest.approx(y @ np.linalg.inv(f.cov + np.diag(sigma2)) @ y, rel=1e-9)
@@ -154,7 +170,7 @@ def test_many_steps_equal_one(steps):
     total = min(sum(steps), MAX_DT_S)
     a, b = started(), started()
     for f in (a, b):
-        follow(f, 60.0, 1.0, 30.0)
+        follow(f, 60.0, 1.0, 5.0)
     t = 1.0
     for dt in steps:
         t = min(t + dt, 1.0 + total)
@@ -233,12 +249,12 @@ def test_velocity_is_full_within_the_grace_then_decays_and_the_way_is_bounded():
 def test_growth_stops_sooner_than_motion():
     f = started()
     for k in range(1, 61):
-        f.predict(k / 30)
-        grown = math.exp(0.3 * k / 30)
-        f.update(Box(300.0 + 2 * k, 200.0, 30.0 * grown, 60.0 * grown), 0.9)
+        f.predict(k / 10)
+        grown = math.exp(0.3 * k / 10)
+        f.update(Box(300.0 + 6 * k, 200.0, 30.0 * grown, 60.0 * grown), 0.9)
     growth, velocity = f.growth_per_s, f.vel_px_s[0]
     assert growth == pytest.approx(0.3, rel=0.1)
-    f.predict(3.0)
+    f.predict(7.0)
     assert f.growth_per_s / growth < 0.5 * f.vel_px_s[0] / velocity
 
 
@@ -349,6 +365,150 @@ def test_runs_need_number_time_place_size_and_no_gap():
     assert not lasts([BOX, BOX, Box(300, 200, 30, 120)], 0.1, 0.2)
 
 
+# --- the shakes of centre and size
+
+
+@pytest.mark.parametrize(("setting", "axis"), [("shake_sizes_s0_5", 0), ("size_shake_s0_5", 2)])
+def test_a_shake_adds_its_square_per_second_until_the_coast_begins_and_no_more(setting, axis):
+    quiet = FilterConfig(shake_sizes_s0_5=0.0, size_shake_s0_5=0.0)
+    shaken = replace(quiet, **{setting: 0.8})
+    scale = SIZE_PX if axis == 0 else 1.0
+
+    def added(t_s: float) -> np.ndarray:
+        covs = [(f := started(c), f.predict(t_s), f.cov)[-1] for c in (quiet, shaken)]
+        return np.diag(covs[1] - covs[0])
+
+    for t_s in (0.05, COAST_GRACE_S):
+        assert added(t_s)[axis] == pytest.approx(0.64 * scale**2 * t_s, rel=1e-6)
+        assert added(t_s)[[i for i in range(4) if i // 2 != axis // 2]] == pytest.approx(0.0, abs=1e-9)
+    assert added(2.0)[axis] == pytest.approx(0.64 * scale**2 * COAST_GRACE_S, rel=1e-3)
+
+
+def test_a_shaking_size_follows_the_box_and_has_no_growth():
+    """What shakes to and fro is in the size at once and hardly in its rate."""
+    steady, shaken = (started(FilterConfig(size_shake_s0_5=v)) for v in (0.0, 1.0))
+    for k in range(1, 41):
+        zoom = 1.15 if k % 2 else 1 / 1.15
+        for f in (steady, shaken):
+            f.predict(k / 20)
+            f.update(Box(300.0, 200.0, 30.0 * zoom, 60.0 * zoom), 1.0)
+    assert abs(math.log(shaken.box.w_px / 30.0)) > 3 * abs(math.log(steady.box.w_px / 30.0))
+    assert abs(shaken.growth_per_s) < 0.3
+
+
+# --- what the target's estimate asks for beside measurements
+
+
+def test_a_halted_target_rests_where_it_is():
+    f = started()
+    follow(f, 60.0, 1.0, 30.0)
+    before = f.box
+    f.halt()
+    assert (f.vel_px_s, f.growth_per_s) == ((0.0, 0.0), 0.0)
+    f.predict(2.5)
+    assert f.box == before
+
+
+@pytest.mark.parametrize(
+    ("sizes_s", "seconds", "moving"),
+    [
+        (0.0, 2.0, False),
+        (0.5 * MOVING_SIZES_S, 2.0, False),
+        (1.5, 2.0, True),
+        (1.5, 0.0, False),  # nothing measured yet: the speed is not known
+    ],
+)
+def test_moving_is_what_is_fast_and_surely_so(sizes_s, seconds, moving):
+    for side in (1.0, -1.0):
+        f = started()
+        follow(f, side * sizes_s * SIZE_PX, seconds, 30.0)
+        assert f.is_moving is moving
+
+
+def test_a_slow_but_certain_motion_is_none():
+    config = FilterConfig(accel_sizes_s1_5=0.01, shake_sizes_s0_5=0.0, pos_sigma_best=0.001, pos_sigma_worst=0.001)
+    speeds = {}
+    for share in (0.9, 1.2):
+        f = started(config)
+        follow(f, share * MOVING_SIZES_S * SIZE_PX, 3.0, 30.0)
+        speeds[share] = f.is_moving
+    assert speeds == {0.9: False, 1.2: True}
+
+
+def test_nudge_takes_place_and_size_and_keeps_the_motion():
+    f = started()
+    follow(f, 60.0, 1.0, 30.0)
+    velocity, growth, t_s = f.vel_px_s, f.growth_per_s, f.t_s
+    f.nudge(Box(100.0, 120.0, 20.0, 20.0))
+    assert astuple(f.box) == pytest.approx((100.0, 120.0, 20.0, 20.0))
+    assert (f.vel_px_s, f.growth_per_s, f.t_s) == (velocity, growth, t_s)
+    assert np.diag(f.cov) == pytest.approx(np.repeat([(START_POS_SIZES * 20.0) ** 2, START_LN_SIZE**2], 2))
+    p = f.state().p
+    assert np.array_equal(p, p.T)
+    assert np.linalg.eigvalsh(p)[0] > 0
+    f.predict(1.1)
+    assert f.box.cx_px == pytest.approx(100.0 + 0.1 * velocity[0])
+
+
+def test_a_nudge_forgets_the_outliers():
+    f = started()
+    for k in range(1, 12):  # agreeing outliers for 0.37 s: the next would open the gate
+        f.predict(k / 30)
+        f.update(moved(BOX, 800.0), 0.9)
+    f.nudge(BOX)
+    f.predict(12 / 30)
+    assert f.update(moved(BOX, 800.0), 0.9).reason is UpdateReason.OUTSIDE_GATE
+
+
+@pytest.mark.parametrize("box", [Box(math.nan, 0, 9, 9), Box(0, math.inf, 9, 9), Box(1e9, 0, 9, 9), Box(0, 0, 0.1, 9)])
+def test_a_nudge_that_cannot_be_changes_nothing(box):
+    f = started()
+    follow(f, 60.0, 1.0, 30.0)
+    f.predict(1.1)
+    f.update(moved(BOX, 20 * SIZE_PX), 0.9)  # an outlier run is under way
+    before = fingerprint(f)
+    with pytest.raises(ValueError, match="cannot be taken"):
+        f.nudge(box)
+    assert fingerprint(f) == before
+
+
+def test_rewind_takes_back_what_was_measured_since_and_resize_only_the_size():
+    f, untouched = started(), started()
+    for g in (f, untouched):
+        follow(g, 60.0, 1.0, 30.0)
+    kept = f.state()
+    for k in range(1, 10):
+        f.predict(1.0 + k / 30)
+        f.update(Box(360.0, 200.0, 30.0 - 2 * k, 60.0), 0.9)
+    shrunk = f.box
+    untouched.predict(1.3)
+    g = started()
+    g.rewind(f.state())
+    g.resize(kept)
+    assert (g.box.w_px, g.box.h_px) == pytest.approx((30.0, 60.0), rel=0.02)
+    assert (g.box.cx_px, g.growth_per_s) == (shrunk.cx_px, 0.0)
+    f.rewind(kept)
+    assert f.t_s == 1.3
+    assert f.box.cx_px == pytest.approx(untouched.box.cx_px, abs=1.0)
+    assert f.box.w_px == pytest.approx(30.0, rel=0.02)
+    assert f.vel_px_s[0] == pytest.approx(kept.x[4])
+
+
+def test_the_likelihood_is_that_of_a_gaussian_and_means_the_same_at_every_size():
+    f = started()
+    f.predict(0.1)
+    box = Box(306.0, 197.0, 33.0, 60.0)
+    sigma2 = np.repeat([(FilterConfig().pos_sigma_best * SIZE_PX) ** 2, FilterConfig().ln_size_sigma_best ** 2], 2)
+    s = f.cov + np.diag(sigma2)
+    expected = -0.5 * (f.innovation(box, 1.0).nis + np.linalg.slogdet(s)[1]) + 2 * math.log(SIZE_PX)
+    assert f.log_likelihood(box, 1.0) == pytest.approx(expected)
+    large = started(box=Box(*(4 * v for v in astuple(BOX))))
+    large.predict(0.1)
+    assert large.log_likelihood(Box(*(4 * v for v in astuple(box))), 1.0) == pytest.approx(expected)
+    assert f.log_likelihood(Box(math.nan, 197.0, 33.0, 60.0), 1.0) == -math.inf
+    assert f.log_likelihood(box, math.nan) == -math.inf
+
+
 # --- what is not finite
 
 
@@ -402,6 +562,9 @@ def test_everything_before_start_is_a_programmers_error():
         lambda: f.box,
         lambda: f.cov,
         lambda: f.ahead(1.0),
+        lambda: f.nudge(BOX),
+        lambda: f.halt(),
+        lambda: f.is_moving,
     ):
         with pytest.raises(RuntimeError, match="not started"):
             call()
@@ -410,10 +573,10 @@ def test_everything_before_start_is_a_programmers_error():
 # --- long runs and small hooks
 
 
-def test_covariance_stays_positive_over_10000_steps_with_random_misses():
+def test_covariance_stays_positive_over_3000_steps_with_random_misses():
     rng = np.random.default_rng(7)
     f, t = started(), 0.0
-    for k in range(10_000):
+    for k in range(3_000):
         t += float(rng.choice([1e-6, 0.01, 0.033, 0.1, 0.5]))
         f.predict(t)
         if rng.random() < 0.6:
@@ -461,6 +624,8 @@ def test_cov_is_a_copy():
     [
         ("accel_sizes_s1_5", 0.0),
         ("shake_sizes_s0_5", -0.1),
+        ("size_shake_s0_5", -0.1),
+        ("size_shake_s0_5", math.nan),
         ("growth_accel_s1_5", math.nan),
         ("pos_sigma_best", -1.0),
         ("pos_sigma_worst", 0.01),  # below best

@@ -38,3 +38,24 @@ def test_before_the_start_it_is_idle_and_a_bad_box_is_refused():
     assert RawTarget().step((candidate(),), 0.0, IMAGE).status is TargetStatus.IDLE
     with pytest.raises(ValueError, match="box"):
         RawTarget().start(Box(1.0, 1.0, math.nan, 1.0), 0.0)
+
+
+def test_a_nudge_takes_the_box_and_goes_on():
+    raw = RawTarget()
+    raw.start(BOX, 0.0)
+    moved = Box(110.0, 85.0, 24.0, 36.0)
+    state = raw.nudge(moved, 0.2)
+    assert (state.t_s, state.status, state.reason) == (0.2, TargetStatus.LOCKED, TargetReason.SELECTED)
+    assert state.box == moved
+    assert raw.step((), 0.3, IMAGE).box == moved
+
+
+@pytest.mark.parametrize("bad", [Box(math.nan, 1.0, 1.0, 1.0), Box(1.0, 1.0, 0.0, 1.0)])
+def test_a_nudge_that_cannot_be_changes_nothing(bad):
+    with pytest.raises(ValueError, match="no track to nudge"):
+        RawTarget().nudge(BOX, 0.0)
+    raw = RawTarget()
+    raw.start(BOX, 0.0)
+    with pytest.raises(ValueError, match="box"):
+        raw.nudge(bad, 0.1)
+    assert raw.step((), 0.2, IMAGE).box == BOX

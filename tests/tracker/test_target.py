@@ -1,7 +1,6 @@
 """The state machine of the target on scripted candidates and a simulated clock."""
 
 import math
-from collections.abc import Callable
 from dataclasses import astuple
 from itertools import pairwise
 
@@ -11,51 +10,31 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from tests.tracker.scripted import (
+    BAD,
+    BOX,
+    EPS,
+    IMAGE,
+    RATES,
+    SIZE_PX,
+    changes,
+    evidence,
+    future,
+    locked,
+    play,
+    reasons,
+    seen,
+    until,
+)
 from tracker.box import Box
-from tracker.filter import FilterConfig
-from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
+from tracker.filter import usable_box
+from tracker.messages import Candidate, TargetReason, TargetStatus
+from tracker.status import StatusConfig
 from tracker.target import MAX_HINT_SCALE, TargetConfig, TargetTracker
 
 IDLE, ACQUIRING, LOCKED = TargetStatus.IDLE, TargetStatus.ACQUIRING, TargetStatus.LOCKED
 COASTING, SEARCHING, LOST = TargetStatus.COASTING, TargetStatus.SEARCHING, TargetStatus.LOST
-BOX = Box(300.0, 200.0, 30.0, 60.0)
-SIZE_PX = math.sqrt(30.0 * 60.0)
-IMAGE = (640.0, 360.0)
-RATES = (10.0, 20.0, 30.0)
-BAD = (math.nan, math.inf, -math.inf)
-EPS = 1e-5
-
-Script = Callable[[float], list[Candidate]]
-
-
-def seen(score: float = 0.8, dx: float = 0.0, dy: float = 0.0) -> Candidate:
-    return Candidate(Box(BOX.cx_px + dx, BOX.cy_px + dy, BOX.w_px, BOX.h_px), score, score, score)
-
-
-def play(script: Script, until_s: float, fps: float = 30.0, tracker: TargetTracker | None = None) -> list[TargetState]:
-    """Start at 0 and step a script of time to candidates; the first state is that of the start."""
-    tracker = tracker or TargetTracker()
-    states = [tracker.start(BOX, 0.0)]
-    for k in range(1, round(until_s * fps) + 1):
-        states.append(tracker.step(script(k / fps), k / fps, IMAGE))
-    return states
-
-
-def locked(fps: float = 30.0, config: TargetConfig | None = None) -> TargetTracker:
-    """A tracker that has been locked on a still target until 1 s."""
-    tracker = TargetTracker(config)
-    assert play(lambda t: [seen()], 1.0, fps, tracker)[-1].status is LOCKED
-    return tracker
-
-
-def changes(states: list[TargetState]) -> list[tuple[float, TargetStatus]]:
-    """Time and status at every change of the status."""
-    return [(b.t_s, b.status) for a, b in pairwise(states) if a.status is not b.status]
-
-
-def until(t_s: float, before: list[Candidate], after: list[Candidate]) -> Script:
-    return lambda t: before if t <= t_s + EPS else after
-
+C = TargetConfig()
 
 STEADY = [seen()]
 FAR = seen(0.8, 6 * SIZE_PX)
@@ -77,7 +56,9 @@ TABLE = [
     ("confirmed", lambda t: STEADY, 0.4, LOCKED, TargetReason.SEEN),
     ("seen", lambda t: STEADY, 1.0, LOCKED, TargetReason.SEEN),
     ("sustained by the lower threshold", until(1, STEADY, [seen(0.45)]), 3.0, LOCKED, TargetReason.SEEN),
+    ("below it for a moment", until(1, STEADY, [seen(0.35)]), 1.05, LOCKED, TargetReason.SEEN),
     ("below it", until(1, STEADY, [seen(0.35)]), 1.2, COASTING, TargetReason.LOW_SCORE),
+    ("below what may enter", until(1, STEADY, [seen(0.2)]), 1.05, COASTING, TargetReason.LOW_SCORE),
     ("nothing found", until(1, STEADY, []), 1.2, COASTING, TargetReason.NO_CANDIDATE),
     ("not finite", until(1, STEADY, [seen(math.nan)]), 1.2, COASTING, TargetReason.NOT_FINITE),
     ("outside the gate", until(1, STEADY, [FAR]), 1.2, COASTING, TargetReason.INNOVATION_GATE),
@@ -86,7 +67,7 @@ TABLE = [
     ("a jump that persists", until(1, STEADY, [seen(0.8, 0, 2.5 * SIZE_PX)]), 2.0, LOCKED, TargetReason.SEEN),
     ("the inlier wins", until(1, STEADY, [seen(0.99, 6 * SIZE_PX), seen(0.5)]), 1.2, LOCKED, TargetReason.SEEN),
     ("left the picture", leaving, 1.9, COASTING, TargetReason.OUT_OF_FRAME),
-    ("out of sight for good", until(2, STEADY, []), 3.5, SEARCHING, TargetReason.COAST_EXPIRED),
+    ("out of sight for good", until(2, STEADY, []), 3.0, SEARCHING, TargetReason.COAST_EXPIRED),
     ("searching, nothing", until(1, STEADY, []), 3.0, SEARCHING, TargetReason.NO_CANDIDATE),
     (
         "searching, weak",
@@ -107,32 +88,36 @@ def test_status_and_reason(name, script, at_s, status, reason, fps):
     assert (state.status, state.reason) == (status, reason)
 
 
-def test_every_status_and_reason_is_reached():
-    reached: set[object] = set()
+def test_every_status_and_reason_of_a_track_without_evidence_is_reached():
     tracker = TargetTracker()
     states = [tracker.step([], 0.0, IMAGE)]
     for _, script, at_s, _, _ in TABLE:
         states += play(script, at_s)
     states += play(lambda t: [] if 1 < t < 3 else STEADY, 4.0, 30.0, tracker)
     states += [tracker.step(STEADY, 3.0, IMAGE), tracker.stop(5.0)]
-    states += play(until(1, STEADY, []), 6.0, 30.0, TargetTracker(TargetConfig(coast_s=5.0)))  # COAST_UNSURE
-    for state in states:
-        reached |= {state.status, state.reason}
-    # FAULT is the application's; SHAPE_COLLAPSE is reached in test_collapse.py
-    assert reached == set(TargetStatus) | set(TargetReason) - {TargetReason.FAULT, TargetReason.SHAPE_COLLAPSE}
+    unsure = TargetConfig(status=StatusConfig(coast_s=5.0, coast_still_s=5.0))
+    states += play(until(1, STEADY, []), 6.0, 30.0, TargetTracker(unsure))
+    states += play(until(1, STEADY, [seen(zoom=0.7)]), 1.1)
+    # FAULT is the application's; the rest needs evidence, or two targets: test_target_issue.py
+    elsewhere = {TargetReason.FAULT, TargetReason.LOW_PEAK, TargetReason.LOW_CONFIDENCE, TargetReason.AMBIGUOUS}
+    elsewhere |= {TargetReason.UNLIKE_EXEMPLAR, TargetReason.FALSE_LOCK}
+    assert reasons(states) == set(TargetReason) - elsewhere
+    assert {s.status for s in states} == set(TargetStatus)
 
 
 # --- times, the same at every rate
 
 
 @pytest.mark.parametrize("fps", RATES)
-def test_a_loss_is_declared_in_time(fps):
-    states = play(until(2, STEADY, []), 13.0, fps)
+@pytest.mark.parametrize(("velocity_px_s", "coast_s"), [(0.0, 1.0), (60.0, 1.5)])
+def test_a_loss_is_declared_in_time(velocity_px_s, coast_s, fps):
+    """A moving target may be predicted for longer than one that stands and ought to be seen."""
+    states = play(lambda t: [seen(dx=velocity_px_s * t)] if t <= 2 + EPS else [], 13.0, fps)
     times = {status: t for t, status in changes(states)}
     period = 1 / fps
     assert times[LOCKED] == pytest.approx(0.2, abs=2 * period + EPS)
     assert times[COASTING] == pytest.approx(2.0 + period)
-    assert times[SEARCHING] == pytest.approx(3.5)  # 1.5 s after it was last seen, before 1.5 s of absence
+    assert times[SEARCHING] == pytest.approx(2.0 + coast_s)  # after it was last seen, before as long an absence
     assert times[LOST] == pytest.approx(12.0)
     assert [s for _, s in changes(states)] == [LOCKED, COASTING, SEARCHING, LOST]
 
@@ -175,34 +160,37 @@ def test_a_coasting_target_needs_the_upper_threshold():
     assert all(s.status is LOCKED for s in states if s.t_s > 1.51)
 
 
+LONG = StatusConfig(coast_s=5.0, coast_still_s=5.0)
+
+
 def test_a_coast_ends_by_time_at_most_5_s_with_a_wide_search():
-    config = TargetConfig(coast_s=5.0, search_half_sizes=50.0)
+    config = TargetConfig(status=LONG, search_half_sizes=50.0)
     times = {s: t for t, s in changes(play(until(1, STEADY, []), 8.0, 30.0, TargetTracker(config)))}
     assert times[SEARCHING] == pytest.approx(6.0)
 
 
 def test_a_coast_ends_when_the_ellipse_leaves_the_search_region():
-    config = TargetConfig(coast_s=5.0)
+    config = TargetConfig(status=LONG)
     states = play(until(1, STEADY, []), 8.0, 30.0, TargetTracker(config))
     end = {s: t for t, s in changes(states)}[SEARCHING]
     assert 1.0 < end - 1.0 < 4.0
-    assert TargetReason.COAST_UNSURE in {s.reason for s in states}
-    assert TargetReason.COAST_EXPIRED not in {s.reason for s in states}
+    assert TargetReason.COAST_UNSURE in reasons(states)
+    assert TargetReason.COAST_EXPIRED not in reasons(states)
     for s in states:
-        sigma_px = math.sqrt(np.linalg.eigvalsh(s.cov[:2, :2])[-1])
-        inside = 2 * sigma_px <= config.search_half_sizes * math.sqrt(s.box.w_px * s.box.h_px)
         if s.status is COASTING:
-            assert inside
-    narrow = TargetConfig(coast_s=5.0, search_half_sizes=1.0)
+            sigma_px = math.sqrt(np.linalg.eigvalsh(s.cov[:2, :2])[-1])
+            assert 2 * sigma_px <= config.search_half_sizes * math.sqrt(s.box.w_px * s.box.h_px)
+    narrow = TargetConfig(status=LONG, search_half_sizes=1.0)
     sooner = {s: t for t, s in changes(play(until(1, STEADY, []), 8.0, 30.0, TargetTracker(narrow)))}
     assert sooner[SEARCHING] < end
 
 
-def test_a_default_coast_lasts_its_full_time():
-    """The default noises must let a well-tracked target coast for coast_s: the ellipse must not cut it short."""
-    for score in (0.6, 0.75, 0.9):
-        times = {s: t for t, s in changes(play(until(2, [seen(score)], []), 5.0))}
-        assert times[SEARCHING] == pytest.approx(3.5)
+@pytest.mark.parametrize("score", [0.6, 0.75, 0.9])
+@pytest.mark.parametrize(("velocity_px_s", "coast_s"), [(0.0, C.status.coast_still_s), (80.0, C.status.coast_s)])
+def test_a_default_coast_lasts_its_full_time(velocity_px_s, coast_s, score):
+    """The default noises must let a well-tracked target coast: the ellipse must not cut it short."""
+    states = play(lambda t: [seen(score, velocity_px_s * t)] if t <= 2 + EPS else [], 4.0)
+    assert {s: t for t, s in changes(states)}[SEARCHING] == pytest.approx(2.0 + coast_s)
 
 
 def test_a_gap_longer_than_a_coast_is_no_lock():
@@ -217,22 +205,6 @@ def test_a_jump_is_reported_as_reacquired_once():
     assert [s.reason for s in after].count(TargetReason.REACQUIRED) == 1
     assert after[-1].status is LOCKED
     assert next(s.t_s for s in after if s.status is LOCKED) <= 1.5
-
-
-def test_the_same_way_at_10_20_and_30_hz():
-    """A moving target with an occlusion: box, status and confidence agree at the common times."""
-
-    def script(t: float) -> list[Candidate]:
-        hidden = 2.0 + EPS < t < 2.8 - EPS
-        return [] if hidden else [seen(0.8, 60 * t)]
-
-    runs = [{round(s.t_s, 3): s for s in play(script, 5.0, fps)} for fps in RATES]
-    for k in range(5, 51):
-        a, b, c = (run[round(k / 10, 3)] for run in runs)
-        assert a.status is b.status is c.status
-        assert np.ptp([s.box.cx_px for s in (a, b, c)]) < 0.1 * SIZE_PX
-        assert np.ptp([s.confidence for s in (a, b, c)]) < 1e-6
-        assert np.ptp([s.vel_px_s[0] for s in (a, b, c)]) < 8.0
 
 
 # --- what is reported
@@ -300,24 +272,14 @@ def test_hint_is_where_the_target_will_be():
 
 def test_hint_widens_with_the_ellipse_and_stays_in_the_picture():
     tracker = TargetTracker()
-    scales = []
-    play(leaving, 2.0, 30.0, tracker)
-    for k in range(1, 70):
-        tracker.step([], 2.0 + k / 10, IMAGE)
-        hint = tracker.hint()
-        assert 0 <= hint.center_px[0] <= IMAGE[0]
-        scales.append(hint.scale)
-    wide = [s for s in scales if s > 1.0]
-    assert wide == sorted(wide)
-    assert scales[0] == 1.0
-    assert 1.5 < wide[-1] < MAX_HINT_SCALE
-
-
-def test_hint_is_never_wider_than_the_tracker_can_search():
-    tracker = TargetTracker(filter_config=FilterConfig(accel_sizes_s1_5=5.0))
-    play(until(1, STEADY, []), 9.0, 30.0, tracker)
-    scales = {tracker.hint().scale, (tracker.step([], 9.1, IMAGE), tracker.hint().scale)[1]}
-    assert scales == {1.0, MAX_HINT_SCALE}
+    assert play(leaving, 1.8, 30.0, tracker)[-1].status is COASTING
+    hints = [tracker.hint(1.8 + k / 10) for k in range(50)]
+    scales = [h.scale for h in hints]
+    assert (scales[0], scales[-1]) == (1.0, MAX_HINT_SCALE)
+    assert scales == sorted(scales)
+    assert len({round(v, 6) for v in scales}) > 5
+    assert all(0.0 <= h.center_px[0] <= IMAGE[0] for h in hints)
+    assert hints[-1].center_px[0] == IMAGE[0]
 
 
 def test_shift_moves_box_and_run():
@@ -339,30 +301,23 @@ def test_shift_moves_box_and_run():
 # --- trouble
 
 
-def fingerprint(tracker: TargetTracker) -> tuple[object, ...]:
-    f = tracker._filter
-    timers = (tracker._status, tracker._t_s, tracker._seen_s, tracker._start_s, tracker._score, tracker._image_size_px)
-    run = tuple(sorted(vars(tracker._run).items(), key=str))
-    return (*timers, run, f.t_s, f._kf.x.tobytes(), f._kf.P.tobytes())
-
-
 @pytest.mark.parametrize("bad", BAD)
 def test_a_time_or_image_that_is_not_finite_holds_everything(bad):
     tracker = locked()
-    before = fingerprint(tracker)
+    before = future(tracker, 1.5)
     for t_s, image in ((bad, IMAGE), (1.1, (bad, 360.0)), (1.1, (640.0, bad)), (1.1, (0.0, 360.0))):
         state = tracker.step(STEADY, t_s, image)
         assert (state.status, state.reason, state.t_s) == (COASTING, TargetReason.NOT_FINITE, 1.0)
-        assert fingerprint(tracker) == before
+    assert future(tracker, 1.5) == before
     assert tracker.step([seen(0.45)], 1.1, IMAGE).status is LOCKED
 
 
 def test_a_time_that_went_back_holds_everything():
     tracker = locked()
-    before = fingerprint(tracker)
+    before = future(tracker, 1.5)
     state = tracker.step(STEADY, 0.9, IMAGE)
     assert (state.status, state.reason, state.t_s) == (COASTING, TargetReason.TIME_WENT_BACK, 1.0)
-    assert fingerprint(tracker) == before
+    assert future(tracker, 1.5) == before
     assert tracker.step(STEADY, 1.1, IMAGE).reason is TargetReason.SEEN
 
 
@@ -379,7 +334,7 @@ def test_a_candidate_that_is_not_finite_is_no_candidate(bad):
         tracker = locked()
         state = tracker.step([spoiled(i)], 1.1, IMAGE)
         assert (state.status, state.reason) == (COASTING, TargetReason.NOT_FINITE)
-        assert fingerprint(tracker) == fingerprint(twin)
+        assert future(tracker, 1.5) == future(twin, 1.5)
         assert tracker.step([spoiled(i), seen()], 1.2, IMAGE).reason is TargetReason.SEEN
     for i in range(7):
         tracker = TargetTracker()
@@ -390,12 +345,12 @@ def test_a_candidate_that_is_not_finite_is_no_candidate(bad):
 @pytest.mark.parametrize("bad", BAD)
 def test_start_raises_and_stop_never_does(bad):
     tracker = locked()
-    before = fingerprint(tracker)
+    before = future(tracker, 1.5)
     with pytest.raises(ValueError, match="start"):
         tracker.start(Box(bad, 0, 10, 10), 0.0)
     with pytest.raises(ValueError, match="time"):
         tracker.start(BOX, bad)
-    assert fingerprint(tracker) == before
+    assert future(tracker, 1.5) == before
     state = tracker.stop(bad)
     assert (state.status, state.reason, state.t_s) == (IDLE, TargetReason.STOPPED, 1.0)
 
@@ -403,14 +358,12 @@ def test_start_raises_and_stop_never_does(bad):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("lock_score", 1.5),
-        ("drop_score", 0.9),  # above lock_score
-        ("confirm_s", 2.0),  # above acquire_s
-        ("acquire_s", math.nan),
-        ("coast_s", 6.0),
-        ("reacquire_s", -1.0),
-        ("give_up_s", 1.0),  # below coast_s
+        ("use_confidence", 0.5),  # above drop_confidence
+        ("use_confidence", math.nan),
         ("search_half_sizes", 0.0),
+        ("max_calls", 0),
+        ("sure_confidence", 1.1),
+        ("sure_sizes_s", -1.0),
     ],
 )
 def test_config_names_field_and_value(field, value):
@@ -423,27 +376,30 @@ def test_config_names_field_and_value(field, value):
 numbers = st.one_of(st.sampled_from(BAD), st.floats(-2e3, 2e3))
 boxes = st.builds(Box, st.floats(200, 400), st.floats(100, 300), st.floats(20, 40), st.floats(40, 80))
 any_boxes = st.builds(Box, numbers, numbers, numbers, numbers)
+cosines = st.one_of(st.none(), st.floats(-1, 1), st.just(math.nan))
+any_evidence = st.one_of(st.none(), st.builds(evidence, cosines, second=st.floats(0, 2), ln_scale=st.floats(-3, 3)))
 candidates = st.one_of(
-    st.builds(seen, st.floats(0.2, 1.0), st.floats(-8, 8), st.floats(-8, 8)),
-    st.builds(Candidate, boxes, st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)),
+    st.builds(seen, st.floats(0.2, 1.0), st.floats(-8, 8), st.floats(-8, 8), of=any_evidence),
+    st.builds(Candidate, boxes, st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), any_evidence),
     st.builds(Candidate, any_boxes, numbers, numbers, numbers),
 )
 
 
 class AnyLoop(RuleBasedStateMachine):
-    """Random candidates, clocks and starts; the invariants are what control relies on."""
+    """Random candidates, clocks, starts, nudges and turns; the invariants are what control relies on."""
 
     def __init__(self) -> None:
         super().__init__()
         self.config = TargetConfig()
         self.tracker = TargetTracker(self.config)
-        self.now = 0.0
-        self.last_fit = -math.inf
+        self.now = self.last_start = 0.0
+        self.last_fit = self.last_locked = -math.inf
+        self.found: tuple[Candidate, ...] = ()
         self.state = self.tracker.step([], 0.0, IMAGE)
 
     @rule()
     def start(self) -> None:
-        self.last_fit = self.now
+        self.last_fit = self.last_start = self.now
         self.state = self.tracker.start(BOX, self.now)
 
     @precondition(lambda self: self.state.status is not IDLE)
@@ -455,37 +411,63 @@ class AnyLoop(RuleBasedStateMachine):
     def step(self, found: list[Candidate], dt: float) -> None:
         self.advance(found, dt)
 
-    @rule(found=st.builds(seen, st.floats(0.5, 1.0)), n=st.integers(1, 10))
+    @rule(found=st.builds(seen, st.floats(0.5, 1.0), of=any_evidence), n=st.integers(1, 10))
     def steps_that_see(self, found: Candidate, n: int) -> None:
         for _ in range(n):
             self.advance([found], 0.05)
 
-    @rule(n=st.integers(1, 40))
+    @rule(n=st.integers(1, 30))
     def steps_that_do_not(self, n: int) -> None:
         for _ in range(n):
             self.advance([], 0.1)
 
     @rule(t_s=st.sampled_from((*BAD, -5.0)), found=st.lists(candidates, max_size=2))
     def bad_clock(self, t_s: float, found: list[Candidate]) -> None:
-        before = self.tracker._status
+        before = self.tracker.hint(self.now)
         self.state = self.tracker.step(found, t_s, IMAGE)
-        assert self.tracker._status is before
+        assert self.tracker.hint(self.now) == before
         assert self.state.status is not LOCKED
+
+    @rule(dx=numbers, dy=st.floats(-20, 20))
+    def turn(self, dx: float, dy: float) -> None:
+        if self.state.status in (IDLE, LOST):
+            assert not self.tracker.shift(dx, dy)
+        else:
+            assert self.tracker.shift(dx, dy) is math.isfinite(dx)
+
+    @rule(box=st.one_of(boxes, any_boxes))
+    def nudge(self, box: Box) -> None:
+        before, hint = self.state.status, self.tracker.hint(self.now)
+        try:
+            state = self.tracker.nudge(box, self.now)
+        except ValueError:
+            assert self.tracker.hint(self.now) == hint
+            return
+        assert usable_box(box)
+        assert before not in (IDLE, LOST)
+        assert astuple(state.box) == pytest.approx(astuple(box))
 
     def advance(self, found: list[Candidate], dt: float) -> None:
         self.now += dt
         finite = [c for c in found if c.box.is_valid and math.isfinite(c.score + c.peak + c.similarity)]
-        if any(c.score >= self.config.drop_score for c in finite):
+        if any(c.score >= self.config.use_confidence for c in finite):
             self.last_fit = self.now
         self.state = self.tracker.step(found, self.now, IMAGE)
         self.check_times()
+        if self.state.chosen is not None:
+            assert any(self.state.chosen is c for c in found)
+        if self.state.memory is not None:
+            assert self.state.status is LOCKED
+            assert self.state.memory.box == self.state.chosen.box
 
     def check_times(self) -> None:
-        absent_s = self.now - self.last_fit
-        status = self.state.status
-        assert not (status is LOCKED and absent_s > 0)  # the design allows 0.7 s
-        assert not (status in (ACQUIRING, COASTING) and absent_s > 1.5)
-        assert not (status is SEARCHING and absent_s > 10.0)
+        status, c = self.state.status, self.config.status
+        if status is LOCKED:
+            self.last_locked = self.now
+            assert self.state.chosen.score >= self.config.use_confidence  # the design allows 0.7 s without
+        assert not (status is ACQUIRING and self.now - self.last_start > c.acquire_s)
+        assert not (status is COASTING and self.now - self.last_locked > c.coast_s)
+        assert not (status is SEARCHING and self.now - self.last_fit > c.give_up_s)
 
     @invariant()
     def the_report_is_sound(self) -> None:
@@ -501,35 +483,12 @@ class AnyLoop(RuleBasedStateMachine):
         hint = self.tracker.hint(self.now + 0.05)
         assert (hint is None) == (s.status in (IDLE, LOST))
         if hint is not None:
-            assert all(math.isfinite(v) for v in (*hint.center_px, *hint.cov_px2))
+            assert all(math.isfinite(v) for v in (*hint.center_px, *hint.cov_px2, *hint.size_px))
             assert 1.0 <= hint.scale <= MAX_HINT_SCALE
+            assert 1 + len(hint.tiles) <= hint.max_calls == self.config.max_calls
+            assert all(math.isfinite(v) for t in hint.tiles for v in (*t.center_px, t.scale))
+            assert not hint.sure or s.confidence > 0
 
 
-AnyLoop.TestCase.settings = settings(derandomize=True, max_examples=50, stateful_step_count=25, deadline=None)
+AnyLoop.TestCase.settings = settings(derandomize=True, max_examples=40, stateful_step_count=25, deadline=None)
 TestAnyLoop = AnyLoop.TestCase
-
-
-def test_searches_alternate_between_the_targets_scale_and_the_ellipse():
-    tracker = locked()
-    scales = []
-    for k in range(31, 31 + 120):
-        state = tracker.step([], k / 30, IMAGE)
-        if state.status is SEARCHING:
-            scales.append(tracker.hint().scale)
-    narrow, wide = scales[0::2], scales[1::2]
-    if narrow[0] != 1.0:
-        narrow, wide = wide, narrow
-    assert set(narrow) == {1.0}
-    assert min(wide) > 1.0
-    assert wide == sorted(wide)
-
-
-def test_a_search_that_found_something_is_not_changed():
-    tracker = locked()
-    k = 31
-    while tracker.step([], k / 30, IMAGE).status is not SEARCHING or tracker.hint().scale != 1.0:
-        k += 1
-    for _ in range(3):
-        k += 1
-        assert tracker.step(STEADY, k / 30, IMAGE).reason is TargetReason.CONFIRMING
-        assert tracker.hint().scale == 1.0

@@ -122,7 +122,7 @@ def test_innovations_of_searches_are_those_of_a_coast() -> None:
     samples = collect(Seeing(), 80)
     nis = {kind: [s.features[FEATURES.index("nis")] for s in samples if s.kind is kind] for kind in SampleKind}
     apart = [s.features[FEATURES.index("innovation")] for s in samples if s.kind is SampleKind.SEARCH]
-    assert np.median(apart) > 0.1, "the target is off the prediction"
+    assert np.median(apart) > 0.5, "the target is far off the prediction"
     assert np.percentile(nis[SampleKind.SEARCH], 90) < np.log1p(30), "but as its covariance says"
     assert {s.features[FEATURES.index("search_scale")] > 0 for s in samples if s.kind is SampleKind.SEARCH} == {
         True,

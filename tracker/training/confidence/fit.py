@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize  # type: ignore[import-untyped]
+from scipy.optimize import minimize
 
 from tracker.benchmark.reliability import Reliability, reliability
 from tracker.confidence.features import FEATURES, GROUPS, Doubt
