@@ -16,11 +16,11 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from tracker.agreement import TIME_EPS_S
 from tracker.filter import check_range
 from tracker.messages import TargetReason, TargetStatus
 
 MAX_COAST_S = 5.0  # what the design allows a prediction to be reported as such
-TIME_EPS_S = 1e-6  # sums of frame periods are not exact; a microsecond decides nothing
 
 IDLE, ACQUIRING, LOCKED = TargetStatus.IDLE, TargetStatus.ACQUIRING, TargetStatus.LOCKED
 COASTING, SEARCHING, LOST = TargetStatus.COASTING, TargetStatus.SEARCHING, TargetStatus.LOST
@@ -65,8 +65,9 @@ class StatusConfig:
     """Thresholds (probabilities) and times of `StatusMachine`.
 
     A selection must be seen for `confirm_s` in a row before `acquire_s` is over. A prediction is reported for `coast_s`
-    at most; a target that stood still for `coast_still_s` at most, since standing it will not come out elsewhere. A
-    target found again must be seen for `reacquire_s` in a row. After `give_up_s` unseen the target is LOST.
+    at most, for a target that stood still for `coast_still_s`. A coast of up to `trust_s` ends with the first confident
+    sight, a longer one when it was seen for `resume_s` in a row; a target that was searched for must be seen for
+    `reacquire_s`. After `give_up_s` unseen the target is LOST.
     """
 
     lock_confidence: float = 0.55
@@ -76,6 +77,8 @@ class StatusConfig:
     acquire_s: float = 1.5
     coast_s: float = 1.5
     coast_still_s: float = 1.0
+    trust_s: float = 0.3
+    resume_s: float = 0.1
     reacquire_s: float = 0.2
     give_up_s: float = 10.0
 
@@ -89,6 +92,8 @@ class StatusConfig:
             ("confirm_s", 0.0, self.acquire_s),
             ("coast_s", 0.0, MAX_COAST_S),
             ("coast_still_s", 0.0, self.coast_s),
+            ("trust_s", 0.0, 10.0),
+            ("resume_s", 0.0, 10.0),
             ("reacquire_s", 0.0, 10.0),
             ("give_up_s", max(self.acquire_s, self.coast_s), 3600.0),
         ):

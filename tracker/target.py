@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tracker.agreement import AgreeingRun
+from tracker.agreement import TIME_EPS_S, AgreeingRun
 from tracker.association import Judged, associate, judge_all
 from tracker.box import Box
 from tracker.collapse import SizeMemory
@@ -131,7 +131,6 @@ class TargetTracker:
             self._forget()
             return self._report(TargetReason.GAVE_UP)
         if expired is not None:
-            self._run.clear()
             self._plan.reset()
         reason = self._look(candidates, t_s)
         if self._machine.status is SEARCHING:
@@ -241,12 +240,26 @@ class TargetTracker:
             return self._miss(self._doubt(best), t_s)
         if best.inside and self._sizes.collapses(box, t_s):
             return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
+        if self._machine.status is COASTING and not self._is_settled(best, t_s):
+            return TargetReason.CONFIRMING
         update = self._filter.update(box, best.probability if best.inside else best.appearance)
         if not update.accepted:
             self._outlier = box
             return self._miss(TargetReason.INNOVATION_GATE, t_s)
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
+
+    def _is_settled(self, best: Judged, t_s: float) -> bool:
+        """Whether what is seen in a coast may end it: at once in a short one, later only after some time in a row.
+
+        What comes out from behind something need not be what went in.
+        """
+        c = self._config.status
+        if best.probability < c.lock_confidence or t_s - self._machine.seen_s <= c.trust_s + TIME_EPS_S:
+            return True
+        self._run.add(best.candidate.box, t_s)
+        self._outlier = best.candidate.box
+        return self._run.lasted(c.resume_s)
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""

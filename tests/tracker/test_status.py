@@ -197,6 +197,8 @@ def test_locked_comes_only_from_a_sighting_and_nothing_comes_back_from_rest(done
         ("acquire_s", math.nan),
         ("coast_s", MAX_COAST_S + 0.1),
         ("coast_still_s", 1.6),  # above coast_s
+        ("trust_s", -0.1),
+        ("resume_s", math.nan),
         ("reacquire_s", -1.0),
         ("give_up_s", 1.0),  # below coast_s
     ],
