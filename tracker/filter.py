@@ -250,6 +250,7 @@ class BoxFilter:
         """Take back what was measured since `state`, and predict from there to the present time."""
         kf, now_s = self._started(), self._t_s
         kf.x, kf.P, self._t_s = np.array(state.x), np.array(state.p), min(state.t_s, now_s)
+        self._updated_s = self._t_s
         self.predict(now_s)
 
     def resize(self, state: FilterState) -> None:

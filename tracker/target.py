@@ -42,6 +42,7 @@ __all__ = ["TargetConfig", "TargetTracker"]
 
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
+UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exemplar: 0.6 to 0.9 in a second
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
 REASON_OF = {
@@ -221,6 +222,9 @@ class TargetTracker:
         sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
         if not sure:
             return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
+        sure = [j for j in sure if self._is_alike(j.candidate)]
+        if not sure:
+            return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
         best = max(sure, key=lambda j: j.total(self._config.association.motion_weight))
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
@@ -240,8 +244,11 @@ class TargetTracker:
             return self._miss(self._doubt(best), t_s)
         if best.inside and self._sizes.collapses(box, t_s):
             return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
-        if self._machine.status is COASTING and not self._is_settled(best, t_s):
-            return TargetReason.CONFIRMING
+        if self._machine.status is COASTING and t_s - self._machine.seen_s > status.trust_s + TIME_EPS_S:
+            if best.probability < status.lock_confidence:
+                return self._miss(self._doubt(best), t_s)
+            if not self._is_settled(best, t_s):
+                return TargetReason.CONFIRMING
         update = self._filter.update(box, best.probability if best.inside else best.appearance)
         if not update.accepted:
             self._outlier = box
@@ -250,16 +257,21 @@ class TargetTracker:
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
     def _is_settled(self, best: Judged, t_s: float) -> bool:
-        """Whether what is seen in a coast may end it: at once in a short one, later only after some time in a row.
-
-        What comes out from behind something need not be what went in.
-        """
-        c = self._config.status
-        if best.probability < c.lock_confidence or t_s - self._machine.seen_s <= c.trust_s + TIME_EPS_S:
-            return True
+        """Whether what is seen may end a long coast: what comes out from behind something need not be what went in."""
+        if not self._is_alike(best.candidate):
+            return False
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
-        return self._run.lasted(c.resume_s)
+        return self._run.lasted(self._config.status.resume_s)
+
+    def _is_alike(self, candidate: Candidate) -> bool:
+        """Whether it looks like this very target, by what that looked like in its first confirmed second."""
+        evidence = candidate.evidence
+        if evidence is None or evidence.exemplar is None:
+            return True
+        usual = self._reference.exemplar
+        likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
+        return likeness >= self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else usual)
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""
@@ -270,12 +282,11 @@ class TargetTracker:
         if sustains or probability >= status.lock_confidence:
             self._lock(best, probability, Event.SEEN, t_s)
             return TargetReason.REACQUIRED if relocated else TargetReason.SEEN
-        if self._machine.weak(t_s) is LOCKED:
-            self._use(best, probability, t_s)
-            return TargetReason.SEEN
+        was = self._machine.status
         self._use(best, probability, t_s)
-        self._moves = self._filter.is_moving
-        return self._doubt(best)
+        if self._machine.weak(t_s) is LOCKED:
+            return TargetReason.SEEN
+        return self._leave(self._doubt(best)) if was is LOCKED else self._doubt(best)
 
     def _confirm(self, best: Judged, probability: float, t_s: float) -> TargetReason:
         self._use(best, probability, t_s)
@@ -305,12 +316,17 @@ class TargetTracker:
         self._run.clear()
         if self._machine.status is LOCKED:
             self._machine.happen(Event.MISSED, t_s)
-            if self._undo_collapse():
-                reason = TargetReason.SHAPE_COLLAPSE
-            self._moves = self._filter.is_moving
-            if not self._moves:
-                self._filter.halt()
+            reason = self._leave(reason)
         return reason if self._in_view() else TargetReason.OUT_OF_FRAME
+
+    def _leave(self, reason: TargetReason) -> TargetReason:
+        """The lock is over: go on from what the target was before it was covered, at its velocity if it had one."""
+        if self._undo_collapse():
+            reason = TargetReason.SHAPE_COLLAPSE
+        self._moves = self._filter.is_moving
+        if not self._moves:
+            self._filter.halt()
+        return reason
 
     def _doubt(self, best: Judged) -> TargetReason:
         """What speaks most against a candidate."""

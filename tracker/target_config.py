@@ -13,14 +13,17 @@ from tracker.status import StatusConfig
 class TargetConfig:
     """Thresholds, times and budgets of `TargetTracker`.
 
-    A candidate below `use_confidence` never enters the estimate. A prediction is reported while its 2-sigma ellipse
-    stays within `search_half_sizes` target sizes (half the search crop: 287/127 of an exemplar of two sizes). Searches
-    take at most `max_calls` network calls per picture. `sure_*`: when the small search crop will do.
+    A candidate below `use_confidence` never enters the estimate. What is found again must look like the target: its
+    cosine with an exemplar at least `alike_share` of what the target's was in its first confirmed second. A prediction
+    is reported while its 2-sigma ellipse stays within `search_half_sizes` target sizes (half the search crop: 287/127
+    of an exemplar of two sizes). Searches take at most `max_calls` network calls per picture. `sure_*`: when the small
+    search crop will do.
     """
 
     status: StatusConfig = field(default_factory=StatusConfig)
     association: AssociationConfig = field(default_factory=AssociationConfig)
     use_confidence: float = 0.25
+    alike_share: float = 0.7
     search_half_sizes: float = 2.26
     max_calls: int = 2
     sure_confidence: float = 0.85
@@ -30,6 +33,7 @@ class TargetConfig:
         """Check every range. Raises ValueError naming field, value and range."""
         for name, low, high in (
             ("use_confidence", 0.0, self.status.drop_confidence),
+            ("alike_share", 0.0, 1.0),
             ("search_half_sizes", 0.5, 50.0),
             ("max_calls", 1, 16),
             ("sure_confidence", 0.0, 1.0),

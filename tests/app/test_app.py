@@ -117,7 +117,7 @@ def test_a_lost_target_stops_everything_at_once_when_the_coast_is_over():
         assert record.velocity_command.yaw_rate_rad_s == record.gimbal_command.yaw_rate_rad_s == 0.0
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(st.floats(60, 580), st.floats(60, 300), st.floats(20, 80), st.floats(-2, 2))
 def test_mirrored_input_gives_mirrored_commands(x_px, y_px, size_px, drift_px):
     def side(mirrored):

@@ -38,7 +38,9 @@ def mirror(box: Box) -> Box:
 ESTIMATE, MIRRORED = estimate(), estimate(mirrored=True)  # nothing here changes them
 
 
-def choose(*candidates: Candidate, model: ConfidenceModel = UNFITTED, config: AssociationConfig = CONFIG) -> Judged | None:
+def choose(
+    *candidates: Candidate, model: ConfidenceModel = UNFITTED, config: AssociationConfig = CONFIG
+) -> Judged | None:
     return associate(judge_all(candidates, ESTIMATE, model, None), config)
 
 
@@ -139,14 +141,14 @@ several = st.lists(found_boxes, min_size=1, max_size=4, unique_by=lambda c: c.sc
 
 
 @given(several)
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_the_order_of_the_candidates_does_not_matter(found):
     judged = judge_all(found, ESTIMATE, UNFITTED, None)
     assert len({associate(order, CONFIG).candidate for order in permutations(judged)}) == 1
 
 
 @given(several)
-@settings(max_examples=40)
+@settings(max_examples=30)
 def test_a_mirrored_picture_is_judged_alike(found):
     mirrored = [replace(c, box=mirror(c.box)) for c in found]
     here = associate(judge_all(found, ESTIMATE, UNFITTED, None), CONFIG)

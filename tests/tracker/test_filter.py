@@ -110,7 +110,7 @@ NOISES = {
 
 
 # A second and a little: over longer the shakes as configured make a size that no picture holds.
-@pytest.mark.parametrize(("fps", "score", "steps", "seeds"), [(30.0, 0.9, 36, 40), (10.0, 0.6, 12, 100)])
+@pytest.mark.parametrize(("fps", "score", "steps", "seeds"), [(30.0, 0.9, 36, 30), (10.0, 0.6, 12, 80)])
 @pytest.mark.parametrize("noise", NOISES)
 def test_nis_and_nees_are_chi_square(noise, fps, score, steps, seeds):
     runs = [simulate(NOISES[noise], seed, fps, steps, score) for seed in range(seeds)]
@@ -489,9 +489,9 @@ def test_rewind_takes_back_what_was_measured_since_and_resize_only_the_size():
     assert (g.box.cx_px, g.growth_per_s) == (shrunk.cx_px, 0.0)
     f.rewind(kept)
     assert f.t_s == 1.3
-    assert f.box.cx_px == pytest.approx(untouched.box.cx_px, abs=1.0)
-    assert f.box.w_px == pytest.approx(30.0, rel=0.02)
-    assert f.vel_px_s[0] == pytest.approx(kept.x[4])
+    assert astuple(f.box) == pytest.approx(astuple(untouched.box))
+    assert f.vel_px_s == pytest.approx(untouched.vel_px_s)
+    assert np.allclose(f.cov, untouched.cov)
 
 
 def test_the_likelihood_is_that_of_a_gaussian_and_means_the_same_at_every_size():
@@ -573,10 +573,10 @@ def test_everything_before_start_is_a_programmers_error():
 # --- long runs and small hooks
 
 
-def test_covariance_stays_positive_over_3000_steps_with_random_misses():
+def test_covariance_stays_positive_over_1500_steps_with_random_misses():
     rng = np.random.default_rng(7)
     f, t = started(), 0.0
-    for k in range(3_000):
+    for k in range(1_500):
         t += float(rng.choice([1e-6, 0.01, 0.033, 0.1, 0.5]))
         f.predict(t)
         if rng.random() < 0.6:

@@ -68,8 +68,9 @@ def test_the_tracker_is_told_where_the_target_will_be_in_this_very_picture():
 
 
 def test_the_target_is_told_width_and_height_of_the_picture():
-    loop, _ = run(Scripted(lambda t: []), Told(), 2)
-    assert loop._target.sizes == [IMAGE, IMAGE]
+    target = Told()
+    run(Scripted(lambda t: []), target, 2)
+    assert target.sizes == [IMAGE, IMAGE]
 
 
 class Told(RawTarget):
@@ -133,7 +134,7 @@ REPEATED = "a refused step reports the memory wish and the chosen candidate of t
 @pytest.mark.parametrize("late_s", [-0.02, float("nan")])
 def test_a_picture_out_of_time_is_not_remembered(late_s):
     tracker = Remembering(moving)
-    loop, _ = run(tracker, TargetTracker(), 80)
+    run(tracker, TargetTracker(), 80)
     loop, target = TrackLoop(tracker, TargetTracker()), tracker.kept[0][0]
     loop.start(frame(0), BOX)
     for k in range(1, target + 1):

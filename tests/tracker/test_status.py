@@ -37,9 +37,7 @@ EXPECTED = {
     Event.COAST_OVER: (IDLE, ACQUIRING, SEARCHING, SEARCHING, SEARCHING, LOST),
     Event.GAVE_UP: (IDLE, LOST, LOST, LOST, LOST, LOST),
 }
-CELLS = [
-    (event, before, after) for event, row in EXPECTED.items() for before, after in zip(COLUMNS, row, strict=True)
-]
+CELLS = [(event, before, after) for event, row in EXPECTED.items() for before, after in zip(COLUMNS, row, strict=True)]
 
 
 def machine(status: TargetStatus, t_s: float = 0.0, config: StatusConfig = C) -> StatusMachine:
@@ -165,7 +163,7 @@ steps = st.tuples(
 
 
 @given(st.lists(steps, max_size=30))
-@settings(max_examples=100)
+@settings(max_examples=60)
 def test_locked_comes_only_from_a_sighting_and_nothing_comes_back_from_rest(done):
     made, t_s = StatusMachine(C), 0.0
     for what, dt_s, moving, unsure in done:

@@ -83,6 +83,12 @@ class Reference:
         return self._seen_s >= REFERENCE_S - 1e-6  # sums of frame times miss a second by rounding
 
     @property
+    def exemplar(self) -> float | None:
+        """Mean cosine with the first exemplar; None while not ready or never computed."""
+        value = float(self.values[RESPONSE.index("exemplar")])
+        return value if self.ready and math.isfinite(value) else None
+
+    @property
     def values(self) -> Array:
         """Mean of each of RESPONSE, (7,); NaN where nothing was measured."""
         return np.where(self._count > 0, self._sum / np.maximum(self._count, 1.0), np.nan)
