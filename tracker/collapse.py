@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from tracker.agreement import TIME_EPS_S
 from tracker.box import Box
 from tracker.filter import FilterState
 
@@ -21,6 +22,10 @@ COLLAPSE_LN_SIZE = 0.25
 # What shrinks so fast is being covered: within SUDDEN_S one side loses a third, or both a quarter of ln(size).
 SUDDEN_S = 0.4
 SUDDEN_LN_SIDE = 0.4
+# Seen again, but so much smaller than before it was covered: still covered in part.
+PARTIAL_LN_SIDE, PARTIAL_LN_SIZE = 0.3, 0.2
+# Slower than this a coast of 1.5 s moves a quarter of the target; seen over less than MOVING_S it may be shake.
+MOVING_SIZES_S, MOVING_S = 0.15, 0.3
 # States this near to the largest size are before the collapse; the last of them is the freshest.
 WHOLE_LN_SIZE = 0.04
 
@@ -62,6 +67,14 @@ class SizeMemory:
         )
         return max(lost_w, lost_h) > SUDDEN_LN_SIDE or (lost_w + lost_h) / 2 > COLLAPSE_LN_SIZE
 
+    def is_moving(self, until_s: float) -> bool:
+        """Whether the centre moved, on the average of the states up to the time `until_s`."""
+        states = [state for state in self._states if state.t_s <= until_s]
+        if len(states) < 2 or states[-1].t_s - states[0].t_s < MOVING_S - TIME_EPS_S:
+            return False
+        way_px = math.hypot(*(states[-1].x[:2] - states[0].x[:2]))
+        return way_px > MOVING_SIZES_S * math.exp(states[-1].ln_size) * (states[-1].t_s - states[0].t_s)
+
     def before_collapse(self) -> FilterState | None:
         """The last state before the box began to collapse; None when it has not."""
         if not self._states:
@@ -70,3 +83,9 @@ class SizeMemory:
         if largest - self._states[-1].ln_size < COLLAPSE_LN_SIZE:
             return None
         return next(state for state in reversed(self._states) if state.ln_size >= largest - WHOLE_LN_SIZE)
+
+
+def is_partial(box: Box, whole: Box) -> bool:
+    """Whether a box found is only a part of what the target was before it was covered."""
+    lost_w, lost_h = math.log(whole.w_px / box.w_px), math.log(whole.h_px / box.h_px)
+    return max(lost_w, lost_h) > PARTIAL_LN_SIDE or (lost_w + lost_h) / 2 > PARTIAL_LN_SIZE

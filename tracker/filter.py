@@ -43,9 +43,6 @@ START_VEL_SIZES_S, START_GROWTH_S = 2.0, 0.5  # one sigma of what a new target m
 CAP_POS_SIZES, CAP_LN_SIZE = 20.0, 1.0  # caps of one sigma: "anywhere in the picture", "a factor of e"
 CAP_VEL_SIZES_S, CAP_GROWTH_S = 20.0, 3.0  # above these the direction of the motion is unknown anyway
 
-MOVING_SIZES_S = 0.15  # slower than this a coast of 1.5 s moves less than a quarter of the target
-MOVING_SIGMAS = 1.0  # of the speed's own uncertainty, which for a tracked target is about 0.5 sizes/s
-
 SERIES_BELOW = 1e-3  # dt/tau below which the exact Q_xx loses digits to cancellation and equals the undamped one
 
 
@@ -272,14 +269,6 @@ class BoxFilter:
         kf.P[:4, :], kf.P[:, :4] = 0.0, 0.0
         kf.P[:4, :4] = np.diag(sigmas[:4] ** 2)
         self._outliers.clear()
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the centre moves: faster than `MOVING_SIZES_S`, and more surely than two sigma of the speed."""
-        x, p = self._started().x, self._kf.P
-        speed = math.hypot(x[4], x[5])
-        sigma = math.sqrt(max(float(p[4, 4] + p[5, 5]) / 2, 0.0))
-        return speed > max(MOVING_SIZES_S * self._size_px(), MOVING_SIGMAS * sigma)
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
         """Move the mean with the picture (ego-motion); False and untouched when not finite or too far."""

@@ -35,7 +35,8 @@ class Evidence:
     the footprint. `exemplar` and `recent` are cosines in [-1, 1] of the deep features at the candidate with those of
     the first exemplar and with the best match in the rest of the memory; None when not computed. `ln_scale` and
     `ln_aspect` are how the box found, before smoothing, differs in ln(size) and ln(w/h) from the size searched with.
-    `search_scale` is that of the window it was found in (1: normal).
+    `search_scale` is that of the window it was found in (1: normal). `colour` is how alike the colours in the box are
+    to the most alike of those remembered, the first exemplar's among them, in [0, 1]; None when not compared.
     """
 
     heads: tuple[float, ...]
@@ -46,6 +47,7 @@ class Evidence:
     ln_scale: float
     ln_aspect: float
     search_scale: float = 1.0
+    colour: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

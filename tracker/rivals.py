@@ -20,6 +20,7 @@ from tracker.association import Judged, apart
 from tracker.filter import BoxFilter, FilterConfig, check_range
 
 CLAIM_NIS = 9.49  # chi-square, 4 degrees of freedom, 95 %: what a rival does less often than once in 20 is not it
+MERGED_S = 0.5  # two that cross hide each other for about as long
 SAME_SIZES = 0.4  # a rival predicted so near to the target, and not seen elsewhere, is the target
 MAX_RIVALS = 4  # more than so many alike are a crowd, in which motion tells nothing either
 
@@ -103,12 +104,15 @@ class RivalTracks:
                 rival.seen_s = self._t_s
         if chosen is None:
             return
-        # What is now seen as the target is no rival: who was there was it all along.
-        self._rivals = [r for r in self._rivals if r.seen_s == self._t_s or not _same_place(r.estimate, chosen)]
+        # Who was not seen for a while where the target is now seen was the target all along.
+        self._rivals = [r for r in self._rivals if self._is_other(r, chosen)]
         claimed = [one for _, one in self._claims]
         for one in sorted(judged, key=lambda j: -j.appearance):
             if sure and one not in claimed and apart(one, chosen) and len(self._rivals) < MAX_RIVALS:
                 self._bear(one, chosen)
+
+    def _is_other(self, rival: _Rival, chosen: Judged) -> bool:
+        return self._t_s - rival.seen_s < MERGED_S or not _same_place(rival.estimate, chosen)
 
     def _bear(self, one: Judged, chosen: Judged) -> None:
         if one.appearance < max(self._config.birth_share * chosen.appearance, self._config.keep_appearance):

@@ -89,6 +89,12 @@ class PlannedSearch:
     tiles: tuple[SearchTile, ...]
     stage: SearchStage
 
+    def shifted(self, dx_px: float, dy_px: float) -> PlannedSearch:
+        """Moved with the picture (ego-motion)."""
+        x, y = self.center_px
+        tiles = (replace(t, center_px=(t.center_px[0] + dx_px, t.center_px[1] + dy_px)) for t in self.tiles)
+        return replace(self, center_px=(x + dx_px, y + dy_px), tiles=tuple(tiles))
+
 
 @dataclass(frozen=True, slots=True)
 class _Sweep:

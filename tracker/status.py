@@ -116,7 +116,7 @@ class StatusMachine:
         self.status = TABLE.get((before, event), before)
         if event is Event.STARTED:
             self._start_s = self.seen_s = t_s
-        if event in (Event.SEEN, Event.CONFIRMED, Event.STARTED):
+        if event in (Event.SEEN, Event.CONFIRMED, Event.STARTED) and self.status in (ACQUIRING, LOCKED):
             self.seen_s, self._weak_since_s = t_s, None
         if self.status is not LOCKED:
             self._weak_since_s = None

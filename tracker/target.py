@@ -16,7 +16,7 @@ from dataclasses import replace
 from tracker.agreement import TIME_EPS_S, AgreeingRun
 from tracker.association import Judged, associate, judge_all
 from tracker.box import Box
-from tracker.collapse import SizeMemory
+from tracker.collapse import COLLAPSE_LN_SIZE, SizeMemory, is_partial
 from tracker.confidence.features import Doubt
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
@@ -33,7 +33,7 @@ from tracker.messages import (
     TargetStatus,
 )
 from tracker.rivals import RivalTracks
-from tracker.search_plan import PlannedSearch, SearchPlan
+from tracker.search_plan import PlannedSearch, SearchPlan, SearchStage
 from tracker.status import ACQUIRING, AT_REST, COASTING, LOCKED, LOST, SEARCHING, Event, StatusMachine
 from tracker.target_config import TargetConfig
 from tracker.watch import Sight, Watch
@@ -76,6 +76,10 @@ class TargetTracker:
         self._rivals = RivalTracks(filter_config=filter_config)
         self._plan = SearchPlan()
         self._watch = Watch()
+        self._chosen: Judged | None = None
+        self._outlier: Box | None = None
+        self._memory: MemoryWrite | None = None
+        self._planned: PlannedSearch | None = None
         self._forget()
 
     def start(self, box: Box, t_s: float) -> TargetState:
@@ -95,9 +99,12 @@ class TargetTracker:
             raise ValueError("there is no track to nudge: select a target first")
         if not math.isfinite(t_s) or (self._t_s is not None and t_s < self._t_s):
             raise ValueError(f"nudge at {t_s} s: the time must be finite and not before the last picture")
-        self._filter.nudge(box)
         self._filter.predict(t_s)
+        self._filter.nudge(box)
         self._t_s = t_s
+        self._forget_step()
+        self._planned = None
+        self._watch.reset(t_s)
         self._reference.clear()  # what it looked like was that of another box
         self._sizes.clear()
         self._run.clear()
@@ -120,11 +127,14 @@ class TargetTracker:
         """
         refusal = self._refusal(t_s, image_size_px)
         if refusal is not None:
-            return self._report(refusal, COASTING if self._machine.status is LOCKED else None)
+            held = self._report(refusal, COASTING if self._machine.status is LOCKED else None)
+            return replace(held, chosen=None, memory=None)
         self._t_s, self._image_size_px = t_s, image_size_px
         self._forget_step()
         if self._machine.status in AT_REST:
             return self._report(self._rest_reason)
+        if self._machine.status is LOCKED:
+            self._moves = self._sizes.is_moving(math.inf)
         self._filter.predict(t_s)
         expired = self._machine.expire(t_s, self._moves, self._ellipse_share(self._filter.box, self._filter.cov) > 1.0)
         if self._machine.status is LOST:
@@ -160,6 +170,8 @@ class TargetTracker:
             cx, cy = (min(max(v, 0.0), side) for v, side in zip((cx, cy), self._image_size_px, strict=True))
         scale = min(max(self._ellipse_share(box, cov), 1.0), MAX_HINT_SCALE)
         tiles = () if self._outlier is None else (SearchTile((self._outlier.cx_px, self._outlier.cy_px)),)
+        if tiles and calls == 1:
+            (cx, cy), tiles = tiles[0].center_px, ()
         return SearchHint((cx, cy), cov_px2, scale, calls, size_px, tiles, self._is_sure())
 
     def shift(self, dx_px: float, dy_px: float) -> bool:
@@ -169,14 +181,18 @@ class TargetTracker:
         for part in (self._run, self._sizes, self._rivals, self._plan, self._watch):
             part.shift(dx_px, dy_px)
         self._ego_known = True
+        if self._outlier is not None:
+            self._outlier = _moved(self._outlier, dx_px, dy_px)
+        if self._planned is not None:
+            self._planned = self._planned.shifted(dx_px, dy_px)
         return True
 
     def _forget(self) -> None:
         """Nothing of an earlier target."""
         self._confidence, self._used_s = 0.0, 0.0
-        self._moves = False
+        self._moves = self._covered = False
         self._forget_step()
-        self._planned: PlannedSearch | None = None
+        self._planned = None
         self._active: tuple[TargetAlarm, ...] = ()
         self._ego_known = False  # whether the camera's motion is told, so that velocities are the target's own
         self._reference.clear()
@@ -188,9 +204,7 @@ class TargetTracker:
 
     def _forget_step(self) -> None:
         """Nothing of the picture before."""
-        self._chosen: Judged | None = None
-        self._outlier: Box | None = None
-        self._memory: MemoryWrite | None = None
+        self._chosen, self._outlier, self._memory = None, None, None
 
     def _refusal(self, t_s: float, image_size_px: tuple[float, float]) -> TargetReason | None:
         if not math.isfinite(t_s) or not all(math.isfinite(v) and v > 0 for v in image_size_px):
@@ -238,15 +252,17 @@ class TargetTracker:
     def _take(self, best: Judged, t_s: float) -> TargetReason:
         """Let the chosen candidate into the estimate, if it is good enough for the status."""
         box, status = best.candidate.box, self._config.status
-        if not best.inside and best.appearance < status.lock_confidence:
-            return self._miss(TargetReason.INNOVATION_GATE, t_s)
         if best.inside and best.probability < self._config.use_confidence:
             return self._miss(self._doubt(best), t_s)
-        if best.inside and self._sizes.collapses(box, t_s):
+        if not best.inside and best.appearance < status.lock_confidence:
+            return self._miss(TargetReason.INNOVATION_GATE, t_s)
+        if self._is_partial(best) or (best.inside and self._sizes.collapses(box, t_s)):
             return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
         if self._machine.status is COASTING and t_s - self._machine.seen_s > status.trust_s + TIME_EPS_S:
             if best.probability < status.lock_confidence:
                 return self._miss(self._doubt(best), t_s)
+            if not self._is_alike(best.candidate):
+                return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
             if not self._is_settled(best, t_s):
                 return TargetReason.CONFIRMING
         update = self._filter.update(box, best.probability if best.inside else best.appearance)
@@ -256,10 +272,16 @@ class TargetTracker:
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
+    def _is_partial(self, best: Judged) -> bool:
+        """Whether a target that was being covered is still seen in part only: much smaller than it was before."""
+        if self._machine.status is not COASTING or not self._covered:
+            return False
+        evidence = best.candidate.evidence
+        seen_ln_size = evidence.ln_scale if evidence is not None else 0.0
+        return is_partial(best.candidate.box, self._filter.box) or seen_ln_size < -COLLAPSE_LN_SIZE
+
     def _is_settled(self, best: Judged, t_s: float) -> bool:
         """Whether what is seen may end a long coast: what comes out from behind something need not be what went in."""
-        if not self._is_alike(best.candidate):
-            return False
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
         return self._run.lasted(self._config.status.resume_s)
@@ -321,9 +343,16 @@ class TargetTracker:
 
     def _leave(self, reason: TargetReason) -> TargetReason:
         """The lock is over: go on from what the target was before it was covered, at its velocity if it had one."""
-        if self._undo_collapse():
+        before = self._sizes.before_collapse()
+        self._moves = self._sizes.is_moving(before.t_s if before is not None else math.inf)
+        self._sizes.clear()
+        self._covered = before is not None or reason is TargetReason.SHAPE_COLLAPSE
+        if before is not None:
             reason = TargetReason.SHAPE_COLLAPSE
-        self._moves = self._filter.is_moving
+            if self._sizes.places_hold:
+                self._filter.rewind(before)
+            else:  # the camera's motion is not known: a place in an older picture is no place in this one
+                self._filter.resize(before)
         if not self._moves:
             self._filter.halt()
         return reason
@@ -334,18 +363,6 @@ class TargetTracker:
             return TargetReason.LOW_SCORE
         doubts = self._model.reasons(best.candidate, best.motion, self._reference)
         return REASON_OF[doubts[0]] if doubts else TargetReason.LOW_CONFIDENCE
-
-    def _undo_collapse(self) -> bool:
-        """Go on from the estimate before the box shrank to the last visible strip, if that is what happened."""
-        before = self._sizes.before_collapse()
-        self._sizes.clear()
-        if before is None:
-            return False
-        if self._sizes.places_hold:
-            self._filter.rewind(before)
-        else:  # the camera's motion is not known: a place in an older picture is no place in this one
-            self._filter.resize(before)
-        return True
 
     def _observe(self, candidates: Sequence[Candidate], reason: TargetReason, t_s: float) -> TargetReason:
         """Alarms, and what should be remembered of this picture. A false lock ends the lock."""
@@ -364,7 +381,7 @@ class TargetTracker:
         if TargetAlarm.FALSE_LOCK in self._active and seen.locked:
             self._machine.happen(Event.FALSE_LOCK, t_s)
             self._plan.reset()
-            self._chosen = None
+            self._chosen, self._confidence = None, 0.0
             return TargetReason.FALSE_LOCK
         return reason
 
@@ -374,6 +391,9 @@ class TargetTracker:
         f, unseen_s = self._filter, t_s - self._machine.seen_s
         cov_px2 = (float(f.cov[0, 0]), float(f.cov[0, 1]), float(f.cov[1, 1]))
         again = () if self._outlier is None else (SearchTile((self._outlier.cx_px, self._outlier.cy_px)),)
+        if again and self._config.max_calls == 1:
+            self._planned = PlannedSearch(again[0].center_px, 1.0, (), SearchStage.REGION)
+            return
         calls = self._config.max_calls - len(again)
         plan = self._plan.step(f.box, cov_px2, self._image_size_px, unseen_s, calls, t_s)
         if again:
@@ -420,3 +440,7 @@ class TargetTracker:
             chosen,
             self._memory,
         )
+
+
+def _moved(box: Box, dx_px: float, dy_px: float) -> Box:
+    return replace(box, cx_px=box.cx_px + dx_px, cy_px=box.cy_px + dy_px)

@@ -21,6 +21,7 @@ from control.limits import VelocityLimiter
 from control.messages import CommandReason, GimbalCommand, GimbalState, VehicleState, VelocityCommand
 from control.range import NO_RANGE, RangeEstimate, SizeRange, ground_range_m
 from tracker.box import Box
+from tracker.filter import usable_box
 from tracker.loop import remember
 from tracker.messages import Candidate, Frame, SearchHint, TargetReason, TargetState, TargetStatus, Tracker
 from uavfollow.stopwatch import Stopwatch
@@ -178,6 +179,8 @@ class App:
             raise ValueError(f"nudge by {move_px} px and factors {resize}: must be finite, factors in 0.1..10")
         old = self._last[0].box
         box = Box(old.cx_px + move_px[0], old.cy_px + move_px[1], old.w_px * resize[0], old.h_px * resize[1])
+        if not usable_box(box):
+            raise ValueError(f"nudge to box {box}: of a size or place that no picture holds")
         if self._tracker is not None and frame is not None:
             self._tracker.init(frame, box)
         state = self._target.nudge(box, t_s)

@@ -107,10 +107,6 @@ def test_a_nudge_that_cannot_be_changes_nothing():
     assert_same(loop, tracker, twin)
 
 
-NOT_ATOMIC = "the tracker takes the exemplar before the target refuses the box"
-
-
-@pytest.mark.xfail(strict=True, reason=NOT_ATOMIC)
 def test_a_box_that_only_the_estimate_refuses_changes_nothing():
     """Smaller than any picture holds: 4 px, made a tenth of it."""
     small = Box(*CENTRE, 4.0, 4.0)

@@ -143,11 +143,6 @@ def test_behind_an_edge_the_whole_target_is_predicted():
     assert state.box.cx_px == pytest.approx(true_centre(t_s), abs=12.0)
 
 
-HALTED = "is_moving is asked after the rewind, whose longer prediction makes the speed unsure: a mover is halted"
-RELOCKED = "the sizes are forgotten at the first collapsed box, so the next one is SEEN: LOCKED on the visible strip"
-
-
-@pytest.mark.xfail(strict=True, reason=HALTED)
 @pytest.mark.parametrize("pan_px_s", [0.0, 30.0])
 def test_behind_an_edge_it_goes_on_as_fast_as_before(pan_px_s):
     """And not as the strip, which stood still; the camera's turn is not in it either."""
@@ -180,7 +175,6 @@ def test_a_sudden_collapse_is_an_occlusion_with_the_size_of_before(w, h, fps):
     assert (states[-1].box.w_px, states[-1].box.h_px) == pytest.approx((W_PX, H_PX), rel=0.05)
 
 
-@pytest.mark.xfail(strict=True, reason=RELOCKED)
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize(("w", "h"), [(0.6, 1.0), (1.0, 0.6), (0.75, 0.75)])
 def test_it_stays_an_occlusion_for_as_long_as_the_box_is_collapsed(w, h, fps):

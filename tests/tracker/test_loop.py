@@ -127,10 +127,6 @@ def test_a_box_that_cannot_be_selected_is_refused():
         loop.start(frame(0), Box(1.0, 1.0, 0.0, 1.0))
 
 
-REPEATED = "a refused step reports the memory wish and the chosen candidate of the step before once more"
-
-
-@pytest.mark.xfail(strict=True, reason=REPEATED)
 @pytest.mark.parametrize("late_s", [-0.02, float("nan")])
 def test_a_picture_out_of_time_is_not_remembered(late_s):
     tracker = Remembering(moving)

@@ -138,10 +138,6 @@ def test_a_still_target_is_predicted_where_it_stood(fps):
     assert states[0].box.cx_px == pytest.approx(BOX.cx_px, abs=0.1 * SIZE_PX)
 
 
-STALE_MOTION = "whether it moves is asked only when a coast begins, so in a gap the answer is that of the coast before"
-
-
-@pytest.mark.xfail(strict=True, reason=STALE_MOTION)
 def test_a_gap_in_the_pictures_is_borne_as_long_as_a_coast():
     tracker = TargetTracker()
     play(lambda t: [seen(0.8, 60 * t)], 2.0, 30.0, tracker)

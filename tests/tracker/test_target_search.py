@@ -94,10 +94,6 @@ def test_what_was_found_in_a_search_is_looked_at_again_in_the_next_picture(max_c
     assert states[-1].status is LOCKED
 
 
-ONE_CALL = "with one call the window at what was found is one too many, and the tracker never searches it"
-
-
-@pytest.mark.xfail(strict=True, reason=ONE_CALL)
 def test_with_one_call_what_was_found_is_what_is_searched():
     away = seen(0.8, -200.0, 100.0)
     tracker = locked(TargetTracker(TargetConfig(max_calls=1)))
@@ -116,10 +112,6 @@ def test_a_strong_candidate_outside_of_the_gate_is_looked_at_again():
     assert tracker.hint().tiles == ()
 
 
-UNSHIFTED = "the planned windows and what is to be looked at again stay where they were in the picture before"
-
-
-@pytest.mark.xfail(strict=True, reason=UNSHIFTED)
 @pytest.mark.parametrize("lost_s", [0.0, 1.5, 3.0])
 def test_the_windows_move_with_the_picture(lost_s):
     """A camera that turns between two pictures, its rates given: all that is to be searched moves."""
@@ -226,20 +218,12 @@ def test_a_nudge_moves_the_live_track_and_keeps_status_and_motion():
     assert after.box.w_px == pytest.approx(40.0, rel=0.02)
 
 
-NUDGED_SIZE = "the hint's size is that of the candidate chosen before the nudge"
-
-
-@pytest.mark.xfail(strict=True, reason=NUDGED_SIZE)
 def test_after_a_nudge_the_search_is_for_the_new_size():
     tracker = locked()
     tracker.nudge(Box(BOX.cx_px, BOX.cy_px, 60.0, 60.0), 1.0)
     assert tracker.hint().size_px == pytest.approx((60.0, 60.0))
 
 
-WANDERED = "the alarm takes the operator's new size for one that wandered"
-
-
-@pytest.mark.xfail(strict=True, reason=WANDERED)
 @pytest.mark.parametrize("zoom", [3.5, 0.28])
 def test_a_redrawn_box_is_no_false_lock(zoom):
     tracker = TargetTracker()

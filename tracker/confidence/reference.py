@@ -58,6 +58,7 @@ class Reference:
         """Forget: another target."""
         self._sum = np.zeros(len(RESPONSE))
         self._count = np.zeros(len(RESPONSE))
+        self._colour_sum, self._colours = 0.0, 0
         self._seen_s = 0.0
         self._last_s: float | None = None
 
@@ -76,6 +77,10 @@ class Reference:
         mask = known(candidate.evidence)
         self._sum += mask * response(candidate.evidence)
         self._count += mask
+        colour = candidate.evidence.colour
+        if colour is not None and math.isfinite(colour):
+            self._colour_sum += colour
+            self._colours += 1
 
     @property
     def ready(self) -> bool:
@@ -87,6 +92,11 @@ class Reference:
         """Mean cosine with the first exemplar; None while not ready or never computed."""
         value = float(self.values[RESPONSE.index("exemplar")])
         return value if self.ready and math.isfinite(value) else None
+
+    @property
+    def colour(self) -> float | None:
+        """Mean similarity of colours with those remembered; None while not ready or never compared."""
+        return self._colour_sum / self._colours if self.ready and self._colours else None
 
     @property
     def values(self) -> Array:

@@ -12,6 +12,7 @@ from tracker.box import Box
 from tracker.engines import Engine
 from tracker.messages import Array, Candidate, Frame, ImageU8, MemorySlot, SearchHint
 from tracker.siamapnpp.candidates import Situation, candidates_of
+from tracker.siamapnpp.colour import Weights, balance, describe
 from tracker.siamapnpp.crop import EXEMPLAR_PX, CropGeometry, crop_square, exemplar_side_px
 from tracker.siamapnpp.embedding import of_exemplar
 from tracker.siamapnpp.memory import ExemplarMemory
@@ -26,7 +27,7 @@ ECONOMY_PX = 223  # 13 x 13 cells: the centre may move by three quarters of a ta
 class SiamAPNTracker:
     """Implements `tracker.messages.Tracker` and `RemembersExemplars` on any engine.
 
-    State: centre, size, first frame's mean colour, time of the last frame, looks of the target.
+    State: centre, size, first frame's mean colour, time of the last frame, looks and colours of the target.
     """
 
     def __init__(self, engine: Engine, settings: TrackerSettings) -> None:
@@ -47,7 +48,8 @@ class SiamAPNTracker:
         self._fill_bgr = (blue, green, red)
         self._centre_px, self._size_px = (box.cx_px, box.cy_px), (box.w_px, box.h_px)
         features = self._engine.set_exemplar(self._exemplar_crop(box, image))
-        self._memory.start(None if features is None else of_exemplar(features))
+        look = None if features is None else of_exemplar(features)
+        self._memory.start(look, describe(image, box, balance(image)))
         self._t_s = frame.t_capture_s
         self._started = True
 
@@ -70,8 +72,9 @@ class SiamAPNTracker:
         self._t_s = frame.t_capture_s
         self._follow(planned[0], found[0], places(hint))
         candidates = merge(found, self._settings.max_candidates)
-        looks = self._settings.embed_candidates
-        return (*(self._looked_at(c, image) for c in candidates[:looks]), *candidates[looks:])
+        looks, factors = self._settings.embed_candidates, balance(image)
+        looked_at = (*(self._looked_at(c, image) for c in candidates[:looks]), *candidates[looks:])
+        return tuple(self._with_colour(c, image, factors) for c in looked_at)
 
     def remember(self, frame: Frame, box: Box, slot: MemorySlot) -> None:
         """Keep how the box of this frame looks. Raises ValueError as `init` does, RuntimeError before it."""
@@ -79,7 +82,7 @@ class SiamAPNTracker:
             raise RuntimeError("remember() before init(): there is no target yet")
         image = _checked(frame.image_bgr_u8)
         check_box(box, image.shape[1], image.shape[0])
-        self._memory.keep(self._look(box, image), slot)
+        self._memory.keep(self._look(box, image), slot, describe(image, box, balance(image)))
 
     def _search(self, image: ImageU8, window: Window, now: Situation) -> list[Found]:
         """One call of the network: its candidates, best first."""
@@ -101,6 +104,13 @@ class SiamAPNTracker:
             return candidate
         exemplar, recent = self._memory.likeness(self._look(candidate.box, image))
         return replace(candidate, evidence=replace(evidence, exemplar=exemplar, recent=recent))
+
+    def _with_colour(self, candidate: Candidate, image: ImageU8, factors: Weights) -> Candidate:
+        evidence = candidate.evidence
+        if evidence is None:
+            return candidate
+        colour = self._memory.colour_likeness(describe(image, candidate.box, factors))
+        return replace(candidate, evidence=replace(evidence, colour=colour))
 
     def _look(self, box: Box, image: ImageU8) -> Array | None:
         features = self._engine.embed(self._exemplar_crop(box, image))

@@ -9,7 +9,6 @@ from tracker.messages import SearchHint
 from tracker.siamapnpp.crop import EXEMPLAR_PX, CropGeometry, exemplar_side_px
 
 MAX_HINT_SCALE = 4.0  # beyond this the target has under 1/4 of the pixels that the exemplar was made from
-HINT_STEP_SIDES = 0.5  # a hint may move the search window by at most half its side: it is a prediction, not a jump
 FLOOR_PX = 4.0  # the official floor of 10 px makes small targets grow at once
 MAX_HINT_SIZE_PX = 4096.0  # larger than any picture: a bound against nonsense
 MAX_CALLS = 16  # of the network per picture, whatever a hint wishes: more than a second of a processor
@@ -45,16 +44,14 @@ def windows(
 ) -> tuple[Window, ...]:
     """The windows to search, the main one first; at least one, at most `hint.max_calls`.
 
-    Without a hint, or with one that is not finite, the one at `centre_px`. The main window follows the hint by at most
-    half its side from `centre_px`; tiles lie where they say. `search_px` is the crop's side, `sure_px` that of a
-    smaller crop at the same resolution for a hint that is `sure`; None: none.
+    Without a hint, or with one that is not finite, the one at `centre_px`, else where it says. `search_px` is the
+    crop's side, `sure_px` that of a smaller crop at the same resolution for a hint that is `sure`; None: none.
     """
     side_px = exemplar_side_px(*size_px) * search_px / EXEMPLAR_PX
     if hint is None or not places(hint):
         return (Window(CropGeometry(*centre_px, side_px, search_px), 1.0),)
     scale = _scale(hint.scale)
-    reach = HINT_STEP_SIDES * side_px * scale
-    cx, cy = (old + min(max(new - old, -reach), reach) for old, new in zip(centre_px, hint.center_px, strict=True))
+    cx, cy = hint.center_px
     out_px = sure_px if hint.sure and sure_px is not None and scale == 1.0 and not hint.tiles else search_px
     found = [Window(CropGeometry(cx, cy, side_px * scale * out_px / search_px, out_px), scale)]
     for tile in hint.tiles[: min(max(hint.max_calls, 1), MAX_CALLS) - 1]:
