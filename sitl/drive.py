@@ -65,6 +65,9 @@ class Application(Protocol):
     def searches_at_px(self, t_capture_s: float) -> tuple[float, float] | None:
         """Where the target is searched for in the picture of that time; None when nothing is selected."""
 
+    def searches(self, t_capture_s: float) -> int:
+        """How many network calls the picture of that time will take: each takes its time."""
+
     def see(self, seen: Seen, now_s: float) -> Decision:
         """Take up one exposure; `now_s` is when its processing is done."""
 

@@ -173,8 +173,9 @@ class Run:
         exposure = self._feed.newest(now_s)
         if exposure is None:
             return
+        calls = self._application.searches(exposure.t_s)
         seen, truths = self._look(exposure, now_s)
-        self._busy = (now_s + self._scenario.tracker_compute_delay_s, seen, exposure, truths)
+        self._busy = (now_s + calls * self._scenario.tracker_compute_delay_s, seen, exposure, truths)
 
     def _look(self, exposure: Exposure, now_s: float) -> tuple[Seen, Truths]:
         """What reaches the application, and what is true: for a picture that shows nothing new, nothing is visible."""

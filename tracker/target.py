@@ -43,6 +43,7 @@ __all__ = ["TargetConfig", "TargetTracker"]
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
 UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exemplar: 0.6 to 0.9 in a second
+UNKNOWN_COLOUR = 0.8  # similarity of colours that a target usually has in its first second: 0.73 to 0.96
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
 REASON_OF = {
@@ -289,7 +290,13 @@ class TargetTracker:
     def _is_alike(self, candidate: Candidate) -> bool:
         """Whether it looks like this very target, by what that looked like in its first confirmed second."""
         evidence = candidate.evidence
-        if evidence is None or evidence.exemplar is None:
+        if evidence is None:
+            return True
+        if evidence.colour is not None:
+            usual = self._reference.colour
+            if not evidence.colour >= self._config.colour_share * (UNKNOWN_COLOUR if usual is None else usual):
+                return False
+        if evidence.exemplar is None:
             return True
         usual = self._reference.exemplar
         likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)

@@ -198,6 +198,11 @@ class App:
         except Exception as error:
             self._survived("the tracker's memory", error)
 
+    def searches(self, t_s: float) -> int:
+        """How many windows will be searched in a picture exposed at `t_s`; 1 while nothing is followed."""
+        hint = self._target.hint(t_s)
+        return 1 if hint is None else min(1 + len(hint.tiles), max(hint.max_calls, 1))
+
     def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
         """Centre of the search region in a picture exposed at `t_s`; None while nothing is followed."""
         hint = self._target.hint(t_s)

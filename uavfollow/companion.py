@@ -175,6 +175,10 @@ class Companion:
             self._stop(now_s, FlightReason.HELD_LONG)
         return self._loop_record(record, now_s)
 
+    def searches(self, t_s: float) -> int:
+        """How many windows will be searched in a picture exposed at `t_s`."""
+        return self._app.searches(t_s)
+
     def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
         """Centre of the search region in a picture exposed at `t_s`; None while nothing is selected."""
         return self._app.searches_at_px(t_s)

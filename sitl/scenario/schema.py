@@ -170,7 +170,7 @@ class Scenario(Section):
     guidance: GuidanceSection = Field(default_factory=GuidanceSection, description="what the application is to do")
     criteria: tuple[CriterionSection, ...] = Field(default=(), max_length=100, description="what the run must reach")
     tracker_compute_delay_s: Annotated[float, Bounds(0.0, 5.0)] = Field(
-        default=0.0, description="simulated time that the tracker takes for a picture"
+        default=0.0, description="simulated time of one network call of the tracker; a picture may take several"
     )
 
     def pending_reasons(self) -> tuple[str, ...]:

@@ -56,6 +56,9 @@ class Watcher:
         self.selected.append((now_s, box))
         return self.decide(seen)
 
+    def searches(self, t_capture_s):
+        return 1
+
     def searches_at_px(self, t_capture_s):
         return None
 

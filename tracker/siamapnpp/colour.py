@@ -16,16 +16,16 @@ from tracker.box import Box
 from tracker.messages import Array, ImageU8
 
 CENTRAL = 0.7  # of width and height, as an ellipse that counts most in its middle: hardly any background in it
-SIDE_PX = 16  # of the sample: 24 tells no more (within half a point everywhere) and takes twice the time
+SIDE_PX = 12  # of the sample: 24 tells no more (within a point everywhere) and takes longer
 # Soft bins: Gaussians 0.9 bins wide, so that a change of tone that is no change of paint moves no count to a strange
-# bin. 9 bins of chroma are as good in pictures of one light, 5 to 8 points worse where the paints differ little.
+# bin. With 9 bins of chroma 2 to 5 points fewer of other things are told apart at the same share of targets kept.
 LIGHT_BINS, LIGHT_TOP = 5, 110.0
 CHROMA_BINS, CHROMA_TOP = 11, 60.0
 BIN_SIGMA = 0.9
 LEAST_MEMBERSHIP = 1e-4  # products of three smaller ones are denormal floats, ten times as slow
-# Half of the picture's exposure and tint is taken out (each channel times the root of the ratio of GREY to its mean).
-# All of it would take a red car's own red out when it fills the picture; none of it costs a fifth of the rejections
-# when exposure varies by 12 % and the channels by 4 %.
+# Half of the picture's exposure and tint is taken out: each channel times the root of the ratio of GREY to its mean.
+# Where exposure varies by 12 % and the channels by 4 %, and 97 % of targets are kept, that rejects 92 % of simulated cars
+# in other paints; taking nothing out 75 %; all of it 90 %, and 4 points less where a target comes back in one light.
 GREY = 0.45
 BALANCE = 0.5
 MIN_MEAN = 0.02  # a black picture has no tint
@@ -50,15 +50,14 @@ def describe(image_bgr_u8: ImageU8, box: Box, factors: Weights) -> Array | None:
     w, h = CENTRAL * box.w_px, CENTRAL * box.h_px
     if not all(math.isfinite(v) for v in (x0, y0, w, h)) or w <= 0 or h <= 0:
         return None
-    height, width = image_bgr_u8.shape[:2]
-    weights = _KERNEL * np.outer(_inside(y0, h, height), _inside(x0, w, width))
-    if not float(weights.sum()) >= MIN_INSIDE * float(_KERNEL.sum()):
+    weights = _weights(image_bgr_u8.shape, x0, y0, w, h)
+    if weights is None:
         return None
-    chosen = weights > 0
-    sample = _sample(image_bgr_u8, x0, y0, w, h).astype(np.float32) * (factors / np.float32(255.0))
-    lab = cv2.cvtColor(np.minimum(sample, np.float32(1.0)), cv2.COLOR_BGR2Lab)[chosen]
-    light = _membership(lab[:, 0], 0.0, _LIGHTS) * weights[chosen][:, None]
-    a, b = (_membership(lab[:, k], -CHROMA_TOP, _CHROMAS) for k in (1, 2))
+    sample = _sample(image_bgr_u8, x0, y0, w, h).reshape(1, -1, 3)[:, _CHOSEN] * (factors / np.float32(255.0))
+    lab = cv2.cvtColor(np.minimum(sample, np.float32(1.0)), cv2.COLOR_BGR2Lab)[0]
+    # What is beyond the tables belongs to their last bins.
+    at = np.minimum(np.maximum(lab - _FIRST, 0.0), _LAST).astype(np.intp)
+    light, a, b = _LIGHTS[at[:, 0]] * weights, _CHROMAS[at[:, 1]], _CHROMAS[at[:, 2]]
     joint = (light[:, :, None] * a[:, None, :]).reshape(len(light), -1).T @ b
     shares = joint.astype(np.float64).ravel()
     return np.asarray(np.sqrt(shares / shares.sum()), dtype=np.float64)
@@ -70,10 +69,15 @@ def similarity(one: Array, other: Array) -> float:
     return 1.0 - math.sqrt(max(1.0 - overlap, 0.0))
 
 
-def _inside(start_px: float, length_px: float, limit_px: int) -> Weights:
-    """(SIDE,) 1 where the sample's points lie in the picture, else 0."""
-    at = start_px + length_px * (np.arange(SIDE_PX) + 0.5) / SIDE_PX
-    return np.asarray((at >= 0.0) & (at <= limit_px), dtype=np.float32)
+def _weights(shape: tuple[int, ...], x0: float, y0: float, w: float, h: float) -> Weights | None:
+    """(n, 1): what each chosen point of the sample counts, 0 outside of the picture; None: too little is inside."""
+    if x0 >= 0.0 and y0 >= 0.0 and x0 + w <= shape[1] and y0 + h <= shape[0]:
+        return _WEIGHTS
+    down, right = (
+        (at >= 0.0) & (at <= limit) for at, limit in ((y0 + h * _POINTS, shape[0]), (x0 + w * _POINTS, shape[1]))
+    )
+    held = _WEIGHTS * np.outer(down, right).ravel()[_CHOSEN, None]
+    return held if float(held.sum()) >= MIN_INSIDE * float(_WEIGHTS.sum()) else None
 
 
 def _sample(image: ImageU8, x0: float, y0: float, w: float, h: float) -> ImageU8:
@@ -98,11 +102,6 @@ def _sample(image: ImageU8, x0: float, y0: float, w: float, h: float) -> ImageU8
     return np.asarray(out, dtype=np.uint8)
 
 
-def _membership(values: Weights, first: float, table: Weights) -> Weights:
-    """(n, bins): how much each value belongs to each bin. What is beyond belongs to the last bin."""
-    return table[np.clip(np.rint(values - first), 0, len(table) - 1).astype(np.intp)]
-
-
 def _table(first: float, last: float, bins: int) -> Weights:
     """(values, bins) for every whole value from `first` to `last`; rows sum to 1."""
     centres = np.linspace(first, last, bins)
@@ -112,11 +111,11 @@ def _table(first: float, last: float, bins: int) -> Weights:
     return np.asarray(bells / bells.sum(axis=1, keepdims=True), dtype=np.float32)
 
 
-def _kernel() -> Weights:
-    at = (np.arange(SIDE_PX) + 0.5) / SIDE_PX * 2 - 1
-    return np.asarray(np.clip(1.0 - at[:, None] ** 2 - at**2, 0.0, 1.0), dtype=np.float32)
-
-
-_KERNEL = _kernel()
+_POINTS = (np.arange(SIDE_PX) + 0.5) / SIDE_PX
+_KERNEL = np.maximum(1.0 - (2 * _POINTS[:, None] - 1) ** 2 - (2 * _POINTS - 1) ** 2, 0.0).ravel()
+_CHOSEN = np.flatnonzero(_KERNEL)
+_WEIGHTS: Weights = _KERNEL[_CHOSEN, None].astype(np.float32)
 _LIGHTS = _table(0.0, LIGHT_TOP, LIGHT_BINS)
 _CHROMAS = _table(-CHROMA_TOP, CHROMA_TOP, CHROMA_BINS)
+_FIRST: Weights = np.array((0.0, -CHROMA_TOP, -CHROMA_TOP), dtype=np.float32) - np.float32(0.5)  # rounds
+_LAST: Weights = np.array((len(_LIGHTS), len(_CHROMAS), len(_CHROMAS)), dtype=np.float32) - np.float32(1.0)

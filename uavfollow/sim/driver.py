@@ -26,6 +26,10 @@ class CompanionDriver:
         """Centre of the search region in the picture of that time."""
         return self._companion.searches_at_px(t_capture_s)
 
+    def searches(self, t_capture_s: float) -> int:
+        """How many network calls the picture of that time will take."""
+        return self._companion.searches(t_capture_s)
+
     def see(self, seen: Seen, now_s: float) -> Decision:
         """One picture, or the candidates of one."""
         frame = _frame(seen)
