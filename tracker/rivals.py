@@ -31,12 +31,14 @@ class RivalConfig:
 
     A rival is born at an appearance of `birth_share` of the target's, is kept up by candidates from `keep_appearance`
     on, and forgotten `forget_s` after it was last seen. A candidate is the target's only when it is more probable by
-    the target's motion than by the rival's by a factor of `clear_ratio`.
+    the target's motion than by the rival's by a factor of `clear_ratio`. A rival is established when it was seen beside
+    the target for `established_s`.
     """
 
     birth_share: float = 0.6
     keep_appearance: float = 0.3
     forget_s: float = 1.0
+    established_s: float = 0.3
     clear_ratio: float = 3.0
 
     def __post_init__(self) -> None:
@@ -45,6 +47,7 @@ class RivalConfig:
             ("birth_share", 0.0, 1.0),
             ("keep_appearance", 0.0, 1.0),
             ("forget_s", 0.0, 60.0),
+            ("established_s", 0.0, 60.0),
             ("clear_ratio", 1.0, 1e6),
         ):
             check_range("rivals", name, getattr(self, name), low, high)
@@ -54,6 +57,7 @@ class RivalConfig:
 class _Rival:
     estimate: BoxFilter
     seen_s: float
+    beside_s: float = 0.0  # for how long it was seen together with the target
 
 
 class RivalTracks:
@@ -82,11 +86,17 @@ class RivalTracks:
         for rival in self._rivals:
             rival.estimate.predict(t_s)
 
-    def unclaimed(self, judged: Sequence[Judged], target: BoxFilter) -> list[Judged]:
-        """Those candidates that are not a rival. Each rival is one candidate at most: the one that fits it best."""
+    def unclaimed(self, judged: Sequence[Judged], target: BoxFilter, locked: bool) -> list[Judged]:
+        """Those candidates that are not a rival. Each rival is one candidate at most: the one that fits it best.
+
+        While the target itself is not seen (`locked` False), only who was long seen beside it counts: a part of the
+        target, or the target beside something that was taken for it, must not be shut out.
+        """
         left = list(judged)
         self._claims = []
         for rival in self._rivals:
+            if not locked and rival.beside_s < self._config.established_s:
+                continue
             able = (j for j in left if j.appearance >= self._config.keep_appearance)
             seen = [j for j in able if _likely(rival.estimate, j)]
             best = max(seen, key=partial(_fit, rival.estimate), default=None)
@@ -101,6 +111,8 @@ class RivalTracks:
         """Follow the rivals; new ones are born beside a target that was seen for `sure`."""
         for rival, one in self._claims:
             if rival.estimate.update(one.candidate.box, one.appearance).accepted:
+                if sure and chosen is not None and apart(one, chosen):
+                    rival.beside_s += self._t_s - rival.seen_s
                 rival.seen_s = self._t_s
         if chosen is None:
             return

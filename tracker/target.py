@@ -218,7 +218,7 @@ class TargetTracker:
         """Choose among the candidates and move the status by what was seen."""
         judged = judge_all(candidates, self._filter, self._model, self._reference)
         self._rivals.predict(t_s)
-        mine = self._rivals.unclaimed(judged, self._filter)
+        mine = self._rivals.unclaimed(judged, self._filter, self._machine.status in (ACQUIRING, LOCKED))
         best = associate(mine, self._config.association)
         if not judged:
             reason = self._miss(TargetReason.NOT_FINITE if candidates else TargetReason.NO_CANDIDATE, t_s)
@@ -259,9 +259,9 @@ class TargetTracker:
             return self._miss(TargetReason.INNOVATION_GATE, t_s)
         if self._is_partial(best) or (best.inside and self._sizes.collapses(box, t_s)):
             return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
+        if self._machine.status is COASTING and best.probability < status.lock_confidence:
+            return self._miss(self._doubt(best), t_s)
         if self._machine.status is COASTING and t_s - self._machine.seen_s > status.trust_s + TIME_EPS_S:
-            if best.probability < status.lock_confidence:
-                return self._miss(self._doubt(best), t_s)
             if not self._is_alike(best.candidate):
                 return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
             if not self._is_settled(best, t_s):

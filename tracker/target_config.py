@@ -14,8 +14,8 @@ class TargetConfig:
     """Thresholds, times and budgets of `TargetTracker`.
 
     A candidate below `use_confidence` never enters the estimate. What is found again must look like the target: its
-    cosine with an exemplar at least `alike_share`, and the similarity of its colours at least `colour_share`, of what the
-    target's was in its first confirmed second. A prediction is reported while its 2-sigma ellipse stays within
+    cosine with an exemplar at least `alike_share`, and the similarity of its colours at least `colour_share`, of what
+    the target's was in its first confirmed second. A prediction is reported while its 2-sigma ellipse stays within
     `search_half_sizes` target sizes (half the search crop: 287/127 of an exemplar of two sizes). Searches take at most
     `max_calls` network calls per picture. `sure_*`: when the small search crop will do.
     """
@@ -25,8 +25,8 @@ class TargetConfig:
     use_confidence: float = 0.25
     alike_share: float = 0.7
     # Half a second to eight seconds later 98 % of targets reach it (529 looks in 30 training videos; 99 % of 998 in
-    # simulated flights) with exposure varied by 12 % and tint by 4 %; without memory 96 % and 99 %. Of simulated cars in
-    # other paints 86 % do not; silver and pale blue are not told apart. At 0.80: 97 % and 99 % against 90 %.
+    # simulated flights) with exposure varied by 12 % and tint by 4 %; without memory 96 % and 99 %. Of simulated cars
+    # in other paints 86 % do not; silver and pale blue are not told apart. At 0.80: 97 % and 99 % against 90 %.
     colour_share: float = 0.76
     search_half_sizes: float = 2.26
     max_calls: int = 2

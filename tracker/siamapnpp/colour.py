@@ -24,8 +24,9 @@ CHROMA_BINS, CHROMA_TOP = 11, 60.0
 BIN_SIGMA = 0.9
 LEAST_MEMBERSHIP = 1e-4  # products of three smaller ones are denormal floats, ten times as slow
 # Half of the picture's exposure and tint is taken out: each channel times the root of the ratio of GREY to its mean.
-# Where exposure varies by 12 % and the channels by 4 %, and 97 % of targets are kept, that rejects 92 % of simulated cars
-# in other paints; taking nothing out 75 %; all of it 90 %, and 4 points less where a target comes back in one light.
+# Where exposure varies by 12 % and the channels by 4 %, and 97 % of targets are kept, that rejects 92 % of simulated
+# cars in other paints; taking nothing out 75 %; all of it 90 %, and 4 points less where a target comes back in one
+# light.
 GREY = 0.45
 BALANCE = 0.5
 MIN_MEAN = 0.02  # a black picture has no tint
