@@ -48,6 +48,8 @@ class CameraMotion:
         `range_estimate` is that of the thing; without one only the turn counts. (0, 0) without a pixel, or when the
         telemetry of either exposure is not valid, not finite or not of its time.
         """
+        if self._last is not None and t_s <= self._last[0]:  # the motion since then was told already
+            return 0.0, 0.0
         last, self._last = self._last, self._usable(vehicle, gimbal, t_s)
         if last is None or self._last is None or pixel is None or not 0 < t_s - last[0] <= MAX_PAIR_S:
             return 0.0, 0.0

@@ -70,11 +70,11 @@ def associate(judged: Sequence[Judged], config: AssociationConfig) -> Judged | N
     return max(inside, key=lambda j: j.total(config.motion_weight))
 
 
-def apart(a: Judged, b: Judged) -> bool:
-    """Whether two candidates are at different places, measured by the size of the first."""
+def apart(a: Judged, b: Judged, sizes: float = APART_SIZES) -> bool:
+    """Whether two candidates are at different places, at least so many sizes of the first apart."""
     first, second = a.candidate.box, b.candidate.box
     size_px = math.sqrt(first.w_px * first.h_px)
-    return math.hypot(first.cx_px - second.cx_px, first.cy_px - second.cy_px) > APART_SIZES * size_px
+    return math.hypot(first.cx_px - second.cx_px, first.cy_px - second.cy_px) > sizes * size_px
 
 
 def _judge(

@@ -16,6 +16,7 @@ from tracker.filter import FilterState
 
 # A car of 5 m that goes behind an edge at walking pace takes longer; by then the remainder is what is tracked.
 MEMORY_S = 1.5
+MAX_STATES = 512  # more than any camera gives in that time; a clock that stands still must not fill the memory
 # A target that drives away at 5 m/s from 20 m loses 0.25 of ln(size) per second at most for a short time; half as much
 # again within a second is no distance.
 COLLAPSE_LN_SIZE = 0.25
@@ -37,7 +38,7 @@ class SizeMemory:
     """
 
     def __init__(self) -> None:
-        self._states: deque[FilterState] = deque()
+        self._states: deque[FilterState] = deque(maxlen=MAX_STATES)
         self.places_hold = False
 
     def clear(self) -> None:

@@ -15,6 +15,7 @@ from statistics import median
 from tracker.agreement import TIME_EPS_S
 from tracker.filter import check_range
 
+MAX_KEPT = 512  # more than any camera gives in a second; a clock that stands still must not fill the memory
 WINDOW_S = 1.0  # of the histories of size, innovation and speed
 STALE_S = 0.5  # evidence that is older says nothing about now, and a lock that was gone for longer is a new one
 SPAN_S = 0.5  # what a history must cover before it is judged: the first steps of a lock are those of a new filter
@@ -136,7 +137,7 @@ class _Recent:
     """Numbers of the last second, with their times."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[float, float]] = deque()
+        self._kept: deque[tuple[float, float]] = deque(maxlen=MAX_KEPT)
 
     def clear(self) -> None:
         self._kept.clear()
@@ -179,7 +180,7 @@ class FalseLock:
         self._likeness: list[float] = []
         self._reference: float | None = None
         self._parts[FalseLockReason.UNLIKE_EXEMPLAR].on_s = self._config.unlike_s
-        self._relock()
+        self.relock()
 
     @property
     def reference(self) -> float | None:
@@ -194,7 +195,7 @@ class FalseLock:
         passed_s, self._t_s = t_s - self._t_s, t_s
         if not facts.locked:
             if t_s - self._locked_s > STALE_S:
-                self._relock()
+                self.relock()
             return FalseLockReport(any(part.on for part in self._parts.values()), FalseLockReason.NOT_LOCKED)
         self._locked_s = t_s
         look = self._look(facts, passed_s)
@@ -230,7 +231,7 @@ class FalseLock:
         elif look is not None and look >= self._config.doubt_share:
             unlike.on_s = self._config.unlike_s
 
-    def _relock(self) -> None:
+    def relock(self) -> None:
         """The next lock is another one: nothing of the last may speak against it."""
         for part in self._parts.values():
             part.clear()

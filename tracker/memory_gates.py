@@ -21,6 +21,7 @@ from tracker.filter import check_range, usable_box
 from tracker.messages import MemorySlot, TargetAlarm
 
 SIZE_MEDIAN_S = 1.0 / 3.0  # DAM4SAM: 10 frames at 30 per second
+MAX_KEPT = 512  # more than any camera gives in that time; a clock that stands still must not fill the memory
 SIZE_MIN = 3  # sizes; the median of two is no judgement
 OCCLUSION_S = 1.0  # a target that goes behind an edge at walking pace takes about this long to shrink
 MAX_LN_SIZE = 20.0  # beyond, no picture holds it
@@ -100,7 +101,8 @@ class MemoryFacts:
     """What is known of the target in one step.
 
     `t_s` in monotonic seconds; `box` in px and what would be remembered; `ln_size` = ln(sqrt(w h)) of what was found;
-    `ambiguous`: something alike is near; `exemplar`: cosine with the first exemplar, None when not computed.
+    `ambiguous`: something alike is near; `alike`: features and colours are the target's own; `exemplar`: cosine with
+    the first exemplar, None when not computed.
     """
 
     t_s: float
@@ -112,6 +114,7 @@ class MemoryFacts:
     image_size_px: tuple[float, float]
     ln_size: float
     alarms: tuple[TargetAlarm, ...] = ()
+    alike: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +144,7 @@ class MemoryGates:
         self._confident_since_s: float | None = None
         self._doubt_s = self._rival_s = -math.inf
         self._recent_s = self._anchor_s = self._t_s
-        self._sizes: deque[tuple[float, float]] = deque()
+        self._sizes: deque[tuple[float, float]] = deque(maxlen=MAX_KEPT)
 
     def step(self, facts: MemoryFacts) -> MemoryDecision:
         """Judge one step; a decision with a slot counts as carried out."""
@@ -219,7 +222,7 @@ class MemoryGates:
     def _look(self, facts: MemoryFacts) -> MemoryReason | None:
         """What speaks against what is in the box."""
         c = self._config
-        if facts.exemplar is not None and not facts.exemplar >= c.exemplar_min:
+        if not facts.alike or (facts.exemplar is not None and not facts.exemplar >= c.exemplar_min):
             return MemoryReason.UNLIKE_EXEMPLAR
         if _at_edge(facts.box, facts.image_size_px, c.edge_sizes):
             return MemoryReason.AT_EDGE

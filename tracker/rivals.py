@@ -5,8 +5,8 @@ everything that was seen together with the target, at another place and looking 
 candidate that fits a rival's motion at least as well as the target's is not the target; where it fits both, nobody
 knows, and the target coasts until they part (the idea of joint association, Bar-Shalom et al. 2011, in its least form).
 
-A rival is born only in a step in which the target itself was seen elsewhere: two at the same time are two. So a target
-that comes back from a coast can never be taken for its own rival.
+A rival is born only in a step in which the target itself was seen elsewhere: two at the same time are two. Only after a
+false lock that is not so; then all are forgotten.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from tracker.association import Judged, apart
 from tracker.filter import BoxFilter, FilterConfig, check_range
 
 CLAIM_NIS = 9.49  # chi-square, 4 degrees of freedom, 95 %: what a rival does less often than once in 20 is not it
+BIRTH_SIZES = 1.0  # nearer than its own size a second peak may be the target's own
 MERGED_S = 0.5  # two that cross hide each other for about as long
 SAME_SIZES = 0.4  # a rival predicted so near to the target, and not seen elsewhere, is the target
 MAX_RIVALS = 4  # more than so many alike are a crowd, in which motion tells nothing either
@@ -120,7 +121,7 @@ class RivalTracks:
         self._rivals = [r for r in self._rivals if self._is_other(r, chosen)]
         claimed = [one for _, one in self._claims]
         for one in sorted(judged, key=lambda j: -j.appearance):
-            if sure and one not in claimed and apart(one, chosen) and len(self._rivals) < MAX_RIVALS:
+            if sure and one not in claimed and apart(one, chosen, BIRTH_SIZES) and len(self._rivals) < MAX_RIVALS:
                 self._bear(one, chosen)
 
     def _is_other(self, rival: _Rival, chosen: Judged) -> bool:

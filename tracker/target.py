@@ -3,8 +3,8 @@
 One step: predict; end by time what is over (`status`); judge the candidates by appearance and motion (`association`);
 let the chosen one into the estimate, or say why not; watch for rivals and false locks (`alarms`); wish for memory
 (`memory_gates`); plan the next search (`search_plan`). Every limit is a time in seconds, never a number of frames.
-LOCKED always means: a candidate entered the estimate in this very step. A step is one processed picture; a picture
-without any candidate is a step too.
+LOCKED after a step always means: a candidate entered the estimate in this very step. A step is one processed picture; a
+picture without any candidate is a step too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tracker.collapse import COLLAPSE_LN_SIZE, SizeMemory, is_partial
 from tracker.confidence.features import Doubt
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
-from tracker.filter import BoxFilter, FilterConfig, UpdateReason
+from tracker.filter import BoxFilter, FilterConfig, UpdateReason, usable_box
 from tracker.messages import (
     Array,
     Candidate,
@@ -43,7 +43,10 @@ __all__ = ["TargetConfig", "TargetTracker"]
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
 UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exemplar: 0.6 to 0.9 in a second
+MIN_LIKENESS = 0.25  # a target of which less is usual is recognised by chance
 UNKNOWN_COLOUR = 0.8  # similarity of colours that a target usually has in its first second: 0.73 to 0.96
+SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
+MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
 REASON_OF = {
@@ -92,20 +95,26 @@ class TargetTracker:
         return self._report(TargetReason.SELECTED)
 
     def nudge(self, box: Box, t_s: float) -> TargetState:
-        """The operator moves or resizes the box of a live track; motion and status stay.
+        """The operator moves or resizes the box of a live track, in the picture of `t_s`; a lock goes on.
 
-        Raises ValueError when nothing is tracked, or box or time are unusable; the track then goes on as it was.
+        What is not LOCKED is selected anew by it. Raises ValueError when nothing is tracked, or box or time are
+        unusable; the track then goes on as it was.
         """
         if self._machine.status in AT_REST:
             raise ValueError("there is no track to nudge: select a target first")
-        if not math.isfinite(t_s) or (self._t_s is not None and t_s < self._t_s):
-            raise ValueError(f"nudge at {t_s} s: the time must be finite and not before the last picture")
+        if not usable_box(box):
+            raise ValueError(f"box {box} cannot be taken: not finite, or of a size or place no picture holds")
+        if self._t_s is not None and not 0.0 <= t_s - self._t_s <= MAX_NUDGE_S:
+            raise ValueError(f"nudge at {t_s} s: must be the time of the last picture ({self._t_s} s) or soon after")
+        if self._machine.status is not LOCKED:
+            return self.start(box, t_s)
         self._filter.predict(t_s)
         self._filter.nudge(box)
         self._t_s = t_s
         self._forget_step()
         self._planned = None
         self._watch.reset(t_s)
+        self._rivals.clear()
         self._reference.clear()  # what it looked like was that of another box
         self._sizes.clear()
         self._run.clear()
@@ -129,7 +138,7 @@ class TargetTracker:
         refusal = self._refusal(t_s, image_size_px)
         if refusal is not None:
             held = self._report(refusal, COASTING if self._machine.status is LOCKED else None)
-            return replace(held, chosen=None, memory=None)
+            return replace(held, chosen=None, memory=None, confidence=0.0)
         self._t_s, self._image_size_px = t_s, image_size_px
         self._forget_step()
         if self._machine.status in AT_REST:
@@ -147,7 +156,7 @@ class TargetTracker:
         reason = self._look(candidates, t_s)
         if self._machine.status is SEARCHING:
             self._plan_search(t_s)
-        return self._report(reason if expired is None else expired)
+        return self._report(reason if expired is None or self._machine.status is LOCKED else expired)
 
     def hint(self, t_s: float | None = None) -> SearchHint | None:
         """Where to search in the picture of `t_s` (default: at the last step's time); None while IDLE or LOST.
@@ -195,6 +204,7 @@ class TargetTracker:
         self._forget_step()
         self._planned = None
         self._active: tuple[TargetAlarm, ...] = ()
+        self._sizes.places_hold = False
         self._ego_known = False  # whether the camera's motion is told, so that velocities are the target's own
         self._reference.clear()
         self._run.clear()
@@ -240,10 +250,14 @@ class TargetTracker:
         sure = [j for j in sure if self._is_alike(j.candidate)]
         if not sure:
             return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
+        bound = SIZE_LN + SIZE_LN_S * (t_s - self._machine.seen_s)
+        sure = [j for j in sure if abs(j.motion.ln_size) <= bound]
+        if not sure:
+            return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
         best = max(sure, key=lambda j: j.total(self._config.association.motion_weight))
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
-        if not self._run.lasted(self._config.status.reacquire_s):
+        if not self._run.lasted(self._config.status.reacquire_s) or not _was_compared(best.candidate):
             return TargetReason.CONFIRMING
         self._filter.start(best.candidate.box, t_s)
         self._sizes.clear()
@@ -257,8 +271,10 @@ class TargetTracker:
             return self._miss(self._doubt(best), t_s)
         if not best.inside and best.appearance < status.lock_confidence:
             return self._miss(TargetReason.INNOVATION_GATE, t_s)
-        if self._is_partial(best) or (best.inside and self._sizes.collapses(box, t_s)):
+        if self._sizes.collapses(box, t_s) or self._is_partial(best):
             return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
+        if (self._machine.status is ACQUIRING or not best.inside) and not self._is_alike(best.candidate):
+            return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
         if self._machine.status is COASTING and best.probability < status.lock_confidence:
             return self._miss(self._doubt(best), t_s)
         if self._machine.status is COASTING and t_s - self._machine.seen_s > status.trust_s + TIME_EPS_S:
@@ -285,7 +301,7 @@ class TargetTracker:
         """Whether what is seen may end a long coast: what comes out from behind something need not be what went in."""
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
-        return self._run.lasted(self._config.status.resume_s)
+        return self._run.lasted(self._config.status.resume_s) and _was_compared(best.candidate)
 
     def _is_alike(self, candidate: Candidate) -> bool:
         """Whether it looks like this very target, by what that looked like in its first confirmed second."""
@@ -300,7 +316,7 @@ class TargetTracker:
             return True
         usual = self._reference.exemplar
         likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
-        return likeness >= self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else usual)
+        return likeness >= self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else max(usual, MIN_LIKENESS))
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""
@@ -383,11 +399,15 @@ class TargetTracker:
             estimate=self._filter,
             image_size_px=self._image_size_px,
             ego_known=self._ego_known,
+            alike=self._chosen is None
+            or (self._is_alike(self._chosen.candidate) and _was_compared(self._chosen.candidate)),
         )
         self._active, self._memory = self._watch.step(seen)
         if TargetAlarm.FALSE_LOCK in self._active and seen.locked:
             self._machine.happen(Event.FALSE_LOCK, t_s)
             self._plan.reset()
+            self._watch.end_of_lock()
+            self._rivals.clear()  # what was seen beside a false lock may be the target
             self._chosen, self._confidence = None, 0.0
             return TargetReason.FALSE_LOCK
         return reason
@@ -451,3 +471,8 @@ class TargetTracker:
 
 def _moved(box: Box, dx_px: float, dy_px: float) -> Box:
     return replace(box, cx_px=box.cx_px + dx_px, cy_px=box.cy_px + dy_px)
+
+
+def _was_compared(candidate: Candidate) -> bool:
+    """Whether its look was compared with the exemplar, if the tracker does such a thing."""
+    return candidate.evidence is None or candidate.evidence.exemplar is not None

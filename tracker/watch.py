@@ -17,7 +17,8 @@ from tracker.messages import Candidate, MemoryWrite, TargetAlarm
 class Sight:
     """One step as it was seen: `chosen` entered the estimate (None: nothing did); sizes in px, time in monotonic s.
 
-    `ego_known`: the camera's own motion is taken off, so that the estimate's velocity is the target's.
+    `ego_known`: the camera's own motion is taken off, so that the estimate's velocity is the target's. `alike`: what
+    was chosen looks like the target by features and colours.
     """
 
     t_s: float
@@ -28,6 +29,7 @@ class Sight:
     estimate: BoxFilter
     image_size_px: tuple[float, float]
     ego_known: bool
+    alike: bool
 
 
 class Watch:
@@ -41,6 +43,10 @@ class Watch:
         """Begin with a new target, selected at `t_s`."""
         self._alarms.reset()
         self._gates.reset(t_s)
+
+    def end_of_lock(self) -> None:
+        """A false lock was ended: what spoke against it says nothing about the next one."""
+        self._alarms.false_lock.relock()
 
     def shift(self, dx_px: float, dy_px: float) -> None:
         """Move with the picture (ego-motion)."""
@@ -62,6 +68,7 @@ class Watch:
             image_size_px=seen.image_size_px,
             ln_size=0.5 * math.log(box.w_px * box.h_px),
             alarms=alarms,
+            alike=seen.alike,
         )
         decision = self._gates.step(facts)
         return alarms, MemoryWrite(decision.slot, box) if decision.slot is not None else None

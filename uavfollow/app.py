@@ -173,8 +173,8 @@ class App:
         """
         if self._last is None or self._last[0].box is None:
             raise ValueError("there is no track to nudge: select a target first")
-        if not self._last[0].t_s <= t_s < math.inf:
-            raise ValueError(f"nudge at {t_s} s: the time must be finite and not before the last picture")
+        if frame is not None and frame.t_capture_s != self._last[0].t_s:
+            raise ValueError("nudge: the frame is not the one that the box is of")
         if not (all(math.isfinite(v) for v in move_px) and all(0.1 <= v <= 10.0 for v in resize)):
             raise ValueError(f"nudge by {move_px} px and factors {resize}: must be finite, factors in 0.1..10")
         old = self._last[0].box

@@ -10,7 +10,16 @@ import pytest
 
 from tests.tracker.scripted import RATES
 from tracker.box import Box
-from tracker.collapse import COLLAPSE_LN_SIZE, MEMORY_S, SUDDEN_LN_SIDE, SUDDEN_S, SizeMemory
+from tracker.collapse import (
+    COLLAPSE_LN_SIZE,
+    MAX_STATES,
+    MEMORY_S,
+    MOVING_S,
+    MOVING_SIZES_S,
+    SUDDEN_LN_SIDE,
+    SUDDEN_S,
+    SizeMemory,
+)
 from tracker.filter import BoxFilter, FilterState
 from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
 from tracker.target import TargetTracker
@@ -234,3 +243,42 @@ def test_without_the_cameras_motion_only_the_size_is_taken_back():
     assert state.reason is TargetReason.SHAPE_COLLAPSE
     assert math.sqrt(state.box.w_px * state.box.h_px) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.15)
     assert state.box.cx_px == pytest.approx(before.box.cx_px + before.vel_px_s[0] / FPS, abs=2.0)
+
+
+# --- whether it moved
+
+
+@pytest.mark.parametrize("fps", RATES)
+@pytest.mark.parametrize(
+    ("sizes_s", "seconds", "moving"),
+    [
+        (0.0, 1.0, False),
+        (0.8 * MOVING_SIZES_S, 1.0, False),
+        (1.3 * MOVING_SIZES_S, 1.0, True),
+        (2.0, 0.5 * MOVING_S, False),
+    ],
+)
+def test_moving_is_what_went_far_on_the_average(sizes_s, seconds, moving, fps):
+    size = math.sqrt(W_PX * H_PX)
+    for sign in (1.0, -1.0):
+        memory, estimate = SizeMemory(), BoxFilter()
+        for k in range(round(seconds * fps) + 1):
+            estimate.start(Box(300.0 + sign * sizes_s * size * k / fps, 200.0, W_PX, H_PX), k / fps)
+            memory.add(estimate.state())
+        assert memory.is_moving(math.inf) is moving
+
+
+def test_a_shake_is_no_motion():
+    memory, estimate = SizeMemory(), BoxFilter()
+    for k in range(31):
+        estimate.start(Box(300.0 + 8.0 * (-1) ** k, 200.0, W_PX, H_PX), k / 30)
+        memory.add(estimate.state())
+    assert not memory.is_moving(math.inf)
+
+
+def test_a_clock_that_stands_still_does_not_fill_the_memory():
+    memory, estimate = SizeMemory(), BoxFilter()
+    estimate.start(Box(300.0, 200.0, W_PX, H_PX), 1.0)
+    for _ in range(3 * MAX_STATES):
+        memory.add(estimate.state())
+    assert len(memory._states) == MAX_STATES

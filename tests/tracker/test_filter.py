@@ -19,7 +19,6 @@ from tracker.filter import (
     GATE_NIS,
     MAX_DT_S,
     MIN_SIZE_PX,
-    MOVING_SIZES_S,
     START_GROWTH_S,
     START_LN_SIZE,
     START_POS_SIZES,
@@ -409,32 +408,6 @@ def test_a_halted_target_rests_where_it_is():
     assert f.box == before
 
 
-@pytest.mark.parametrize(
-    ("sizes_s", "seconds", "moving"),
-    [
-        (0.0, 2.0, False),
-        (0.5 * MOVING_SIZES_S, 2.0, False),
-        (1.5, 2.0, True),
-        (1.5, 0.0, False),  # nothing measured yet: the speed is not known
-    ],
-)
-def test_moving_is_what_is_fast_and_surely_so(sizes_s, seconds, moving):
-    for side in (1.0, -1.0):
-        f = started()
-        follow(f, side * sizes_s * SIZE_PX, seconds, 30.0)
-        assert f.is_moving is moving
-
-
-def test_a_slow_but_certain_motion_is_none():
-    config = FilterConfig(accel_sizes_s1_5=0.01, shake_sizes_s0_5=0.0, pos_sigma_best=0.001, pos_sigma_worst=0.001)
-    speeds = {}
-    for share in (0.9, 1.2):
-        f = started(config)
-        follow(f, share * MOVING_SIZES_S * SIZE_PX, 3.0, 30.0)
-        speeds[share] = f.is_moving
-    assert speeds == {0.9: False, 1.2: True}
-
-
 def test_nudge_takes_place_and_size_and_keeps_the_motion():
     f = started()
     follow(f, 60.0, 1.0, 30.0)
@@ -564,7 +537,6 @@ def test_everything_before_start_is_a_programmers_error():
         lambda: f.ahead(1.0),
         lambda: f.nudge(BOX),
         lambda: f.halt(),
-        lambda: f.is_moving,
     ):
         with pytest.raises(RuntimeError, match="not started"):
             call()

@@ -14,6 +14,7 @@ from tracker.confidence.features import FEATURES, GROUPS, INDICATORS, Doubt, Mot
 from tracker.confidence.reference import Reference
 from tracker.messages import Array, Candidate
 
+MAX_VALUE, MIN_SCALE = 1e6, 1e-6  # features are bounded by 1e2; what lies outside overflows sooner or later
 MAX_WEIGHT = 100.0  # per deviation; a larger one is a fit that went wrong
 _NUMBERS = ("mean", "scale", "weights")
 _SINGLE = ("bias", "still_gain", "still_bias")
@@ -44,10 +45,10 @@ class ConfidenceModel:
             values = getattr(self, name)
             if len(values) != len(self.names):
                 raise ValueError(f"confidence: {name} has {len(values)} numbers for {len(self.names)} names")
-            if not all(math.isfinite(v) for v in values):
-                raise ValueError(f"confidence: {name} has a value that is not finite")
-        if not all(v > 0 for v in self.scale):
-            raise ValueError("confidence: every scale must be above 0")
+            if not all(abs(v) <= MAX_VALUE for v in values):  # NaN never is
+                raise ValueError(f"confidence: {name} has a value that is not finite, or beyond {MAX_VALUE:g}")
+        if not all(v >= MIN_SCALE for v in self.scale):
+            raise ValueError(f"confidence: every scale must be at least {MIN_SCALE:g}")
         if not all(abs(v) <= MAX_WEIGHT for v in (*self.weights, *(getattr(self, n) for n in _SINGLE))):
             raise ValueError(f"confidence: weights, biases and gain must lie in -{MAX_WEIGHT:g}..{MAX_WEIGHT:g}")
 
@@ -62,6 +63,8 @@ class ConfidenceModel:
         try:
             numbers = [tuple(float(v) for v in block[key]) for key in _NUMBERS]
             names = tuple(str(name) for name in block["names"])
+            if not names:
+                raise ValueError("confidence: the block names no feature; fit it again, or remove it")
             return cls(names, numbers[0], numbers[1], numbers[2], *(float(block[key]) for key in _SINGLE))
         except (TypeError, OverflowError) as error:
             raise ValueError(f"confidence: an entry is of the wrong kind ({error}); fit it again") from error
