@@ -46,6 +46,7 @@ UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exempl
 MIN_LIKENESS = 0.25  # a target of which less is usual is recognised by chance
 UNKNOWN_COLOUR = 0.8  # similarity of colours that a target usually has in its first second: 0.73 to 0.96
 SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
+COVERED_S = 0.5  # a car at walking pace goes behind an edge in about a second, from the collapse on in half of one
 MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
@@ -266,32 +267,38 @@ class TargetTracker:
 
     def _take(self, best: Judged, t_s: float) -> TargetReason:
         """Let the chosen candidate into the estimate, if it is good enough for the status."""
-        box, status = best.candidate.box, self._config.status
-        if best.inside and best.probability < self._config.use_confidence:
-            return self._miss(self._doubt(best), t_s)
-        if not best.inside and best.appearance < status.lock_confidence:
-            return self._miss(TargetReason.INNOVATION_GATE, t_s)
-        if self._sizes.collapses(box, t_s) or self._is_partial(best):
-            return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
-        if (self._machine.status is ACQUIRING or not best.inside) and not self._is_alike(best.candidate):
-            return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
-        if self._machine.status is COASTING and best.probability < status.lock_confidence:
-            return self._miss(self._doubt(best), t_s)
-        if self._machine.status is COASTING and t_s - self._machine.seen_s > status.trust_s + TIME_EPS_S:
-            if not self._is_alike(best.candidate):
-                return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
-            if not self._is_settled(best, t_s):
-                return TargetReason.CONFIRMING
-        update = self._filter.update(box, best.probability if best.inside else best.appearance)
+        reason = self._refused(best, t_s)
+        if reason is not None:
+            return self._miss(reason, t_s)
+        long = t_s - self._machine.seen_s > self._config.status.trust_s + TIME_EPS_S
+        if self._machine.status is COASTING and long and not self._is_settled(best, t_s):
+            return TargetReason.CONFIRMING
+        update = self._filter.update(best.candidate.box, best.probability if best.inside else best.appearance)
         if not update.accepted:
-            self._outlier = box
+            self._outlier = best.candidate.box
             return self._miss(TargetReason.INNOVATION_GATE, t_s)
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
-    def _is_partial(self, best: Judged) -> bool:
-        """Whether a target that was being covered is still seen in part only: much smaller than it was before."""
-        if self._machine.status is not COASTING or not self._covered:
+    def _refused(self, best: Judged, t_s: float) -> TargetReason | None:
+        """Why the chosen candidate must not enter the estimate; None: it may."""
+        c, coasting = self._config, self._machine.status is COASTING
+        if not best.inside and best.appearance < c.status.lock_confidence:
+            return TargetReason.INNOVATION_GATE
+        if best.inside and best.probability < (c.status.lock_confidence if coasting else c.use_confidence):
+            return self._doubt(best)
+        if self._sizes.collapses(best.candidate.box, t_s) or self._is_partial(best, t_s):
+            return TargetReason.SHAPE_COLLAPSE
+        long = coasting and t_s - self._machine.seen_s > c.status.trust_s + TIME_EPS_S
+        alike = self._is_alike if long or not best.inside else self._is_sustained
+        return None if alike(best.candidate) else TargetReason.UNLIKE_EXEMPLAR
+
+    def _is_partial(self, best: Judged, t_s: float) -> bool:
+        """Whether a target that was being covered is still seen in part only: much smaller than it was before.
+
+        What is seen so for longer than `COVERED_S` has turned, or moved away.
+        """
+        if self._machine.status is not COASTING or not self._covered or t_s - self._machine.seen_s > COVERED_S:
             return False
         evidence = best.candidate.evidence
         seen_ln_size = evidence.ln_scale if evidence is not None else 0.0
@@ -303,20 +310,35 @@ class TargetTracker:
         self._outlier = best.candidate.box
         return self._run.lasted(self._config.status.resume_s) and _was_compared(best.candidate)
 
+    def _has_colours(self, candidate: Candidate) -> bool:
+        """Whether its colours are those of the target, where they are known."""
+        if candidate.evidence is None or candidate.evidence.colour is None:
+            return True
+        usual = self._reference.colour
+        return candidate.evidence.colour >= self._config.colour_share * (UNKNOWN_COLOUR if usual is None else usual)
+
+    def _may_be_kept(self, candidate: Candidate) -> bool:
+        """Whether the memory may take it: it was compared with the exemplar, goes on from it, and has its colours."""
+        return _was_compared(candidate) and self._is_sustained(candidate) and self._has_colours(candidate)
+
     def _is_alike(self, candidate: Candidate) -> bool:
         """Whether it looks like this very target, by what that looked like in its first confirmed second."""
         evidence = candidate.evidence
-        if evidence is None:
-            return True
-        if evidence.colour is not None:
-            usual = self._reference.colour
-            if not evidence.colour >= self._config.colour_share * (UNKNOWN_COLOUR if usual is None else usual):
-                return False
-        if evidence.exemplar is None:
+        if not self._has_colours(candidate):
+            return False
+        if evidence is None or evidence.exemplar is None:
             return True
         usual = self._reference.exemplar
         likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
         return likeness >= self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else max(usual, MIN_LIKENESS))
+
+    def _is_sustained(self, candidate: Candidate) -> bool:
+        """Whether a lock may go on: what covers a target can have good scores, but hardly its look."""
+        evidence, usual = candidate.evidence, self._reference.exemplar
+        if evidence is None or evidence.exemplar is None:
+            return True
+        likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
+        return likeness >= (MIN_LIKENESS if usual is None else self._config.sustain_share * max(usual, MIN_LIKENESS))
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""
@@ -399,8 +421,7 @@ class TargetTracker:
             estimate=self._filter,
             image_size_px=self._image_size_px,
             ego_known=self._ego_known,
-            alike=self._chosen is None
-            or (self._is_alike(self._chosen.candidate) and _was_compared(self._chosen.candidate)),
+            alike=self._chosen is None or self._may_be_kept(self._chosen.candidate),
         )
         self._active, self._memory = self._watch.step(seen)
         if TargetAlarm.FALSE_LOCK in self._active and seen.locked:

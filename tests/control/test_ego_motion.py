@@ -109,3 +109,22 @@ def test_what_is_not_known_moves_nothing_and_neither_does_the_next(change):
 def test_a_long_gap_and_a_wild_turn_move_nothing():
     assert steps({}, {"t_s": 102.0, "vehicle": {"t_s": 102.0}, "gimbal": {"t_s": 102.0}})[1] == (0.0, 0.0)
     assert steps({}, {"gimbal": {"yaw_rad": 1.2}})[1] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.04, DT_S])
+def test_a_late_or_repeated_exposure_tells_nothing_and_the_way_is_told_once(late_s):
+    """A picture that came late is one of the past: the camera is not moved back, and not moved again after it."""
+
+    def told(times):
+        motion, found = CameraMotion(), []
+        for t_s in times:
+            turn = 0.2 * (t_s - 100.0)
+            looks = gimbal(-0.5, turn, t_s=t_s, frame=GimbalFrame.EARTH)
+            found.append(motion.step(vehicle(t_s=t_s), looks, t_s, (320.0, 240.0), NO_RANGE, CAMERA)[0])
+        return found
+
+    on_time = told([100.0, 100.1, 100.2])
+    late = told([100.0, 100.1, 100.1 - late_s, 100.2])
+    assert min(abs(x) for x in on_time[1:]) > 5
+    assert late[2] == 0.0
+    assert [late[0], late[1], late[3]] == on_time

@@ -90,6 +90,8 @@ def test_a_distractor_counts_for_a_second() -> None:
         ({"confidence": 0.79}, MemoryReason.UNCERTAIN),
         ({"exemplar": 0.29}, MemoryReason.UNLIKE_EXEMPLAR),
         ({"exemplar": math.nan}, MemoryReason.UNLIKE_EXEMPLAR),
+        ({"alike": False}, MemoryReason.UNLIKE_EXEMPLAR),  # of other colours
+        ({"alike": False, "exemplar": None}, MemoryReason.UNLIKE_EXEMPLAR),
         ({"ambiguous": True, "confidence": 0.85}, MemoryReason.AMBIGUOUS),
         ({"box": Box(14.0, 200.0, 30.0, 60.0)}, MemoryReason.AT_EDGE),
         ({"box": Box(16.0, 200.0, 30.0, 60.0)}, MemoryReason.AT_EDGE),

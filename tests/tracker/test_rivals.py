@@ -10,7 +10,7 @@ from tracker.association import Judged, judge_all
 from tracker.confidence.model import UNFITTED
 from tracker.filter import BoxFilter
 from tracker.messages import Candidate
-from tracker.rivals import MAX_RIVALS, RivalConfig, RivalTracks
+from tracker.rivals import BIRTH_SIZES, MAX_RIVALS, RivalConfig, RivalTracks
 
 C = RivalConfig()
 TARGET = seen(0.8)
@@ -32,13 +32,13 @@ class Scene:
         """One picture with the target and others in it."""
         judged = self.judge([TARGET, *others], t_s)
         chosen = judged[0]
-        assert chosen in self.rivals.unclaimed(judged, self.estimate)
+        assert chosen in self.rivals.unclaimed(judged, self.estimate, True)
         self.rivals.step(judged, chosen, sure)
         self.estimate.update(chosen.candidate.box, 0.8)
 
-    def mine(self, found: list[Candidate], t_s: float) -> list[Candidate]:
+    def mine(self, found: list[Candidate], t_s: float, locked: bool = True) -> list[Candidate]:
         """What may be the target among candidates of a picture that is not stepped."""
-        return [j.candidate for j in self.rivals.unclaimed(self.judge(found, t_s), self.estimate)]
+        return [j.candidate for j in self.rivals.unclaimed(self.judge(found, t_s), self.estimate, locked)]
 
 
 def beside(other: Candidate, seconds: float = 0.5, **how) -> Scene:
@@ -80,6 +80,30 @@ def test_what_is_no_rival(other, sure):
     assert beside(other, sure=sure).mine([later], 0.55) == [later]
 
 
+@pytest.mark.parametrize(("sizes", "born"), [(BIRTH_SIZES - 0.05, False), (BIRTH_SIZES + 0.05, True)])
+def test_a_second_peak_within_a_targets_own_size_is_no_other_thing(sizes, born):
+    for direction in ((1.0, 0.0), (0.0, -1.0)):
+        other = seen(0.8, *(sizes * SIZE_PX * d for d in direction))
+        assert (beside(other).mine([other], 0.55) == []) is born
+
+
+@pytest.mark.parametrize("fps", [10, 30])
+@pytest.mark.parametrize(("seconds", "locked", "shut_out"), [(0.2, True, True), (0.2, False, False), (0.5, False, True)])
+def test_while_the_target_is_not_seen_only_who_was_long_beside_it_is_shut_out(seconds, locked, shut_out, fps):
+    scene = Scene()
+    for k in range(1, round(seconds * fps) + 1):
+        scene.step([RIVAL], k / fps)
+    assert (scene.mine([RIVAL], seconds + 0.05, locked) == []) is shut_out
+
+
+def test_time_beside_a_target_that_was_hardly_seen_does_not_establish_a_rival():
+    scene = beside(RIVAL, 0.1)
+    for k in range(4, 25):
+        scene.step([RIVAL], k / 30, sure=False)
+    assert scene.mine([RIVAL], 0.85, locked=True) == []
+    assert scene.mine([RIVAL], 0.85, locked=False) == [RIVAL]
+
+
 def test_a_rival_is_one_candidate_at_most():
     scene = beside(RIVAL)
     twin = seen(0.8, 2.1 * SIZE_PX)
@@ -88,8 +112,8 @@ def test_a_rival_is_one_candidate_at_most():
 
 
 def test_where_both_motions_fit_nobody_knows():
-    scene = beside(seen(0.8, SIZE_PX))
-    between = seen(0.8, 0.5 * SIZE_PX)
+    scene = beside(seen(0.8, 1.1 * SIZE_PX))
+    between = seen(0.8, 0.55 * SIZE_PX)
     assert scene.mine([between], 0.6) == []
 
 
@@ -133,7 +157,7 @@ def test_a_mirrored_picture_has_the_same_rivals():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("birth_share", 1.5), ("keep_appearance", -0.1), ("forget_s", math.nan), ("clear_ratio", 0.5)],
+    [("birth_share", 1.5), ("keep_appearance", -0.1), ("forget_s", math.nan), ("clear_ratio", 0.5), ("established_s", -1.0)],
 )
 def test_config_names_field_and_value(field, value):
     with pytest.raises(ValueError, match=rf"rivals {field} is {value}, must lie in"):

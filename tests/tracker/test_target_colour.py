@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from tests.tracker.confidence.candidates import bare, candidate
-from tests.tracker.scripted import EPS, evidence, play, reasons, seen
+from tests.tracker.scripted import EPS, evidence, play, reasons, seen, until
 from tracker.confidence.reference import Reference
 from tracker.messages import Candidate, Evidence, TargetReason, TargetStatus
 from tracker.target import UNKNOWN_COLOUR, TargetConfig, TargetTracker
@@ -37,8 +37,8 @@ def found_again(
         (evidence(colour=SHARE * USUAL + 0.01), True),
         (evidence(colour=SHARE * USUAL - 0.01), False),
         (evidence(None, recent=None, colour=SHARE * USUAL - 0.01), False),  # though nothing else is known of it
-        (evidence(None, recent=None, colour=USUAL), True),
-        (evidence(0.4, colour=1.0), False),  # colour alone is not enough
+        (evidence(None, recent=None, colour=USUAL), False),  # colour alone is not enough
+        (evidence(0.4, colour=1.0), False),
         (evidence(colour=None), True),  # not compared
         (evidence(colour=float("nan")), False),
     ],
@@ -46,7 +46,8 @@ def found_again(
 def test_what_is_found_after_a_longer_absence_must_have_the_targets_colours(back, taken, hidden_s):
     was_locked, told = found_again(back, hidden_s)
     assert was_locked is taken
-    assert taken or hidden_s < 1.0 or TargetReason.UNLIKE_EXEMPLAR in told
+    alike = back.exemplar is None and back.colour == USUAL
+    assert taken or hidden_s < 1.0 or (TargetReason.CONFIRMING if alike else TargetReason.UNLIKE_EXEMPLAR) in told
 
 
 def test_the_share_is_of_this_targets_own_usual_similarity():
@@ -65,6 +66,19 @@ def test_a_target_whose_usual_similarity_is_not_known_is_held_to_that_of_most():
 
 def test_a_short_absence_asks_nothing():
     assert found_again(evidence(colour=0.1), 0.1)[0]
+
+
+@pytest.mark.parametrize("exemplar", [0.9, None])
+def test_what_has_other_colours_or_was_not_compared_is_not_remembered(exemplar):
+    """Else one wrong picture opens the colours to all that look like it."""
+
+    def kept(later: Evidence) -> list[float]:
+        states = play(until(2, [seen(0.95, of=evidence(colour=USUAL))], [seen(0.95, of=later)]), 6.0)
+        assert all(s.status is LOCKED for s in states if s.t_s > 1), "else it proves nothing"
+        return [s.t_s for s in states if s.memory is not None and s.t_s > 2 + EPS]
+
+    assert (kept(evidence(exemplar, colour=USUAL)) == []) is (exemplar is None)
+    assert kept(evidence(exemplar, colour=0.15)) == []
 
 
 def test_the_reference_is_the_mean_over_the_first_second_and_then_stays():

@@ -251,8 +251,8 @@ def test_where_motion_does_not_tell_either_the_target_coasts_as_ambiguous():
     """One response between two that were told apart a moment before."""
 
     def script(t: float) -> list[Candidate]:
-        both = [seen(0.8, of=evidence()), seen(0.8, 40.0, of=evidence())]
-        return both if t <= 2 + EPS else [seen(0.8, 20.0, of=evidence())]
+        both = [seen(0.8, of=evidence()), seen(0.8, 46.0, of=evidence())]
+        return both if t <= 2 + EPS else [seen(0.8, 23.0, of=evidence())]
 
     state = play(script, 2.1)[-1]
     assert (state.status, state.reason) == (COASTING, TargetReason.AMBIGUOUS)
@@ -324,7 +324,6 @@ def test_a_false_lock_that_stays_does_not_keep_the_search_alive_for_ever():
     [
         (evidence(0.9), True),
         (evidence(0.2, recent=0.8), True),  # as it looked lately
-        (evidence(None, recent=None), True),  # nothing is known of its look
         (evidence(0.4), False),
         (evidence(0.4, recent=None), False),
     ],

@@ -15,6 +15,7 @@ from tests.tracker.scripted import (
     SIZE_PX,
     changes,
     evidence,
+    future,
     locked,
     play,
     reasons,
@@ -34,7 +35,7 @@ from tracker.messages import (
 from tracker.search_plan import CORE_SIDES
 from tracker.siamapnpp.crop import EXEMPLAR_PX, exemplar_side_px
 from tracker.status import StatusConfig
-from tracker.target import TargetConfig, TargetTracker
+from tracker.target import MAX_NUDGE_S, SIZE_LN, SIZE_LN_S, TargetConfig, TargetTracker
 
 LOCKED, SEARCHING = TargetStatus.LOCKED, TargetStatus.SEARCHING
 C = TargetConfig()
@@ -123,6 +124,24 @@ def test_the_windows_move_with_the_picture(lost_s):
     tracker.shift(30.0, -10.0)
     after = windows(tracker.hint())
     assert [w[:2] for w in after] == [pytest.approx((x + 30.0, y - 10.0)) for x, y, _ in before]
+
+
+@pytest.mark.parametrize("fps", RATES)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_what_is_found_again_must_have_a_size_that_it_can_have_by_then(sign, fps):
+    """The bound grows while it is not seen: what is refused now is taken when it still is there later."""
+    far_s = 2.0  # of the unseen time at which this size becomes possible
+    zoom = math.exp(sign * (SIZE_LN + SIZE_LN_S * far_s))
+    found_s, lost_s = 2.8, 1.0
+    tracker = locked(fps=fps)
+    times = [1 + k / fps for k in range(1, round(4 * fps))]
+    states = step_all(lambda t: [] if t < found_s else [seen(0.8, 60.0, zoom=zoom)], times, tracker)
+    again = next(s for s in states if s.status is LOCKED)
+    period_s = 1 / fps
+    assert again.t_s == pytest.approx(lost_s + far_s + C.status.reacquire_s, abs=2.5 * period_s)
+    assert again.reason is TargetReason.REACQUIRED
+    refused = {s.reason for s in states if found_s + EPS < s.t_s < lost_s + far_s - EPS}
+    assert refused == {TargetReason.SHAPE_COLLAPSE}
 
 
 # --- the small search crop
@@ -241,27 +260,53 @@ def test_a_slightly_redrawn_box_is_no_collapse():
     assert all(s.status is LOCKED for s in states)
 
 
-def test_a_nudge_in_a_search_is_searched_next():
+@pytest.mark.parametrize("unseen_s", [0.5, 2.0])
+def test_a_nudge_of_what_is_not_seen_selects_it_anew(unseen_s):
+    """However long it was not seen before: the operator sees it, and nothing of the old loss counts."""
     tracker = locked()
-    step_all(lambda t: [], [1 + k / 30 for k in range(1, 60)], tracker)
-    state = tracker.nudge(Box(500.0, 100.0, 30.0, 60.0), 3.0)
-    assert state.status is SEARCHING
-    tracker.step([], 3.0 + 1 / 30, IMAGE)
+    states = step_all(lambda t: [], [1 + k / 30 for k in range(1, round(30 * unseen_s) + 1)], tracker)
+    assert states[-1].status is (SEARCHING if unseen_s > 1 else TargetStatus.COASTING)
+    t_s = states[-1].t_s
+    state = tracker.nudge(Box(500.0, 100.0, 30.0, 60.0), t_s)
+    assert (state.status, state.reason) == (TargetStatus.ACQUIRING, TargetReason.SELECTED)
+    assert tracker.step([], t_s + 1 / 30, IMAGE).status is TargetStatus.ACQUIRING
     assert tracker.hint().center_px == pytest.approx((500.0, 100.0))
     found = Candidate(Box(503.0, 100.0, 30.0, 60.0), 0.8, 0.8, 0.8)
-    assert step_all(lambda t: [found], [3 + k / 30 for k in range(2, 10)], tracker)[-1].status is LOCKED
+    assert step_all(lambda t: [found], [t_s + k / 30 for k in range(2, 10)], tracker)[-1].status is LOCKED
+
+
+def test_a_nudge_just_before_giving_up_is_not_given_up_with_the_old_loss():
+    tracker = locked()
+    last_s = 1 + C.status.give_up_s - 0.1
+    states = step_all(lambda t: [], [1 + k / 10 for k in range(1, round(10 * (last_s - 1)) + 1)], tracker)
+    assert states[-1].status is SEARCHING
+    tracker.nudge(Box(500.0, 100.0, 30.0, 60.0), last_s)
+    found = Candidate(Box(500.0, 100.0, 30.0, 60.0), 0.8, 0.8, 0.8)
+    assert step_all(lambda t: [found], [last_s + k / 10 for k in range(1, 6)], tracker)[-1].status is LOCKED
+
+
+def test_a_nudge_forgets_what_was_seen_beside_another_box():
+    """The operator points at what was taken for the other thing."""
+    other = seen(0.8, 120.0, of=evidence())
+    tracker = TargetTracker()
+    play(lambda t: [seen(0.8, of=evidence()), other], 2.0, 30.0, tracker)
+    tracker.nudge(other.box, 2.0)
+    states = step_all(lambda t: [other], [2 + k / 30 for k in range(1, 10)], tracker)
+    assert all(s.status is LOCKED and s.chosen is other for s in states)
 
 
 def test_a_nudge_needs_a_track_and_usable_numbers():
     with pytest.raises(ValueError, match="no track to nudge"):
         TargetTracker().nudge(BOX, 0.0)
     tracker = locked()
-    for box, t_s in ((BOX, 0.9), (BOX, math.nan), (replace(BOX, w_px=0.1), 1.0), (replace(BOX, cx_px=math.inf), 1.0)):
-        before = tracker.hint()
+    before = future(tracker, 1.0)
+    late_s = 1.0 + MAX_NUDGE_S + 0.1
+    small, nowhere = replace(BOX, w_px=0.1), replace(BOX, cx_px=math.inf)
+    for box, t_s in ((BOX, 0.9), (BOX, math.nan), (BOX, math.inf), (BOX, late_s), (small, 1.5), (nowhere, 1.5)):
         with pytest.raises(ValueError, match=r"nudge|cannot be taken"):
             tracker.nudge(box, t_s)
-        assert tracker.hint() == before
-    assert tracker.step([seen()], 1.1, IMAGE).reason is TargetReason.SEEN
+        assert future(tracker, 1.0) == before, "moved before it was refused"
+    assert tracker.nudge(BOX, 1.0 + MAX_NUDGE_S).status is LOCKED
 
 
 def test_settings_reach_the_status():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tracker.confidence.candidates import bare, candidate
 from tracker.confidence.features import FEATURES, Doubt, Motion
-from tracker.confidence.model import UNFITTED, ConfidenceModel
+from tracker.confidence.model import MAX_VALUE, MAX_WEIGHT, MIN_SCALE, UNFITTED, ConfidenceModel
 
 anything = st.floats(width=64)
 
@@ -99,9 +100,14 @@ def test_a_card_keeps_the_model() -> None:
         ({"names": ["head_1", "head_1", "nis", "margin", "exemplar"]}, "different features"),
         ({"names": ["head_9", "margin", "exemplar", "scale_jump", "nis"]}, "head_9"),
         ({"mean": [0.0]}, "mean has 1 numbers for 5 names"),
-        ({"scale": [1, 1, 1, 1, 0]}, "scale must be above 0"),
+        ({"scale": [1, 1, 1, 1, 0]}, "scale must be at least 1e-06"),
+        ({"scale": [1, 1, 1, 1, 1e-300]}, "scale must be at least 1e-06"),
+        ({"scale": [1, 1, 1, 1, -1]}, "scale must be at least 1e-06"),
+        ({"mean": [0, 0, 0, 0, 1e300]}, "mean has a value that is not finite, or beyond 1e\\+06"),
         ({"weights": [1, 1, 1, 1, float("nan")]}, "weights has a value that is not finite"),
-        ({"weights": [1, 1, 1, 1, 1e9]}, "must lie in -100..100"),
+        ({"weights": [1, 1, 1, 1, 1e9]}, "weights has a value that is not finite, or beyond 1e\\+06"),
+        ({"weights": [1, 1, 1, 1, -101]}, "must lie in -100..100"),
+        ({"names": [], "mean": [], "scale": [], "weights": []}, "names no feature"),
         ({"bias": float("inf")}, "must lie in -100..100"),
         ({"bias": None}, "wrong kind"),
         ({"mean": "abcde"}, "could not convert"),
@@ -111,6 +117,16 @@ def test_a_card_keeps_the_model() -> None:
 def test_a_card_that_makes_no_sense_is_refused(change: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         ConfidenceModel.from_card({**JUDGE.to_card(), **change})
+
+
+def test_the_worst_card_that_is_taken_gives_a_probability_and_no_overflow() -> None:
+    every = len(FEATURES)
+    worst = ConfidenceModel(FEATURES, (MAX_VALUE,) * every, (MIN_SCALE,) * every, (MAX_WEIGHT,) * every, 0.0)
+    mixed = tuple(MAX_WEIGHT * (-1) ** k for k in range(every))
+    with np.errstate(all="raise"):
+        for judge in (worst, ConfidenceModel(FEATURES, worst.mean, worst.scale, mixed, 0.0)):
+            for motion in (None, Motion(1e300, 1e300, 1e300)):
+                assert 0.0 <= judge.probability(candidate(sharpness=1e300), motion, None) <= 1.0
 
 
 def test_an_incomplete_block_names_what_it_lacks() -> None:
