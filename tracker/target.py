@@ -44,6 +44,7 @@ ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
 UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exemplar: 0.6 to 0.9 in a second
 MIN_LIKENESS = 0.25  # a target of which less is usual is recognised by chance
+FIRST_LIKENESS = 0.15  # before it is known what is usual: what has less is another thing
 UNKNOWN_COLOUR = 0.8  # similarity of colours that a target usually has in its first second: 0.73 to 0.96
 SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
 COVERED_S = 0.5  # a car at walking pace goes behind an edge in about a second, from the collapse on in half of one
@@ -338,7 +339,7 @@ class TargetTracker:
         if evidence is None or evidence.exemplar is None:
             return True
         likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
-        return likeness >= (MIN_LIKENESS if usual is None else self._config.sustain_share * max(usual, MIN_LIKENESS))
+        return likeness >= (FIRST_LIKENESS if usual is None else self._config.sustain_share * max(usual, MIN_LIKENESS))
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""

@@ -116,6 +116,24 @@ def test_a_box_that_only_the_estimate_refuses_changes_nothing():
     assert_same(loop, tracker, twin, small)
 
 
+@pytest.mark.parametrize("seq", [39, 41])
+def test_the_frame_must_be_that_of_the_last_step(seq):
+    """The exemplar would be cut out of another picture, where the box is not on the target."""
+    (loop, tracker, _), (twin, _, _) = flying(), flying()
+    with pytest.raises(ValueError, match="frame is not the one"):
+        loop.nudge(frame(seq), (10.0, 0.0), (1.5, 1.5), 2.0)
+    assert_same(loop, tracker, twin)
+
+
+@pytest.mark.parametrize("target", [None, RawTarget()], ids=["target", "raw"])
+def test_a_time_that_the_estimate_refuses_leaves_the_exemplar(target):
+    """Before the tracker has taken the box: else box and exemplar are no longer of one thing."""
+    loop, tracker, _ = flying(target=target)
+    with pytest.raises(ValueError, match="nudge"):
+        loop.nudge(frame(40), (10.0, 0.0), (1.5, 1.5), 52.0)
+    assert tracker.exemplar == CENTRED
+
+
 def assert_same(loop, tracker, twin, exemplar=CENTRED):
     assert tracker.exemplar == exemplar
     for k in range(41, 45):

@@ -23,6 +23,7 @@ from tracker.alarms import (
     active,
 )
 from tracker.box import Box
+from tracker.false_lock import MAX_KEPT
 from tracker.messages import Candidate, Evidence, TargetAlarm
 
 BOX = Box(300.0, 200.0, 30.0, 60.0)

@@ -22,7 +22,7 @@ from tracker.collapse import (
 )
 from tracker.filter import BoxFilter, FilterState
 from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
-from tracker.target import TargetTracker
+from tracker.target import COVERED_S, TargetTracker
 
 IMAGE = (640.0, 480.0)
 FPS = 30.0
@@ -162,11 +162,11 @@ def test_behind_an_edge_it_goes_on_as_fast_as_before(pan_px_s):
 
 @cache
 def collapsed(fps: float, w: float, h: float) -> list[TargetState]:
-    """A still target whose box collapses suddenly from 2 s to 2.7 s."""
+    """A still target whose box collapses suddenly from 2 s to 2.5 s."""
     tracker = TargetTracker()
     states = [tracker.start(Box(320, 240, W_PX, H_PX), 0.0)]
     for k in range(1, round(3.5 * fps) + 1):
-        hidden = 2.0 + 1e-5 < k / fps < 2.7 - 1e-5
+        hidden = 2.0 + 1e-5 < k / fps < 2.5 - 1e-5
         box = Box(320, 240, W_PX * (w if hidden else 1.0), H_PX * (h if hidden else 1.0))
         states.append(tracker.step((Candidate(box, 0.9, 0.9, 0.9),), k / fps, IMAGE))
     return states
@@ -187,9 +187,24 @@ def test_a_sudden_collapse_is_an_occlusion_with_the_size_of_before(w, h, fps):
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize(("w", "h"), [(0.6, 1.0), (1.0, 0.6), (0.75, 0.75)])
 def test_it_stays_an_occlusion_for_as_long_as_the_box_is_collapsed(w, h, fps):
-    hidden = [s for s in collapsed(fps, w, h) if 2.0 + 1e-5 < s.t_s < 2.7 - 1e-5]
+    hidden = [s for s in collapsed(fps, w, h) if 2.0 + 1e-5 < s.t_s < 2.5 - 1e-5]
     assert {s.status for s in hidden} == {TargetStatus.COASTING}
     assert all(size_px(s.box) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.05) for s in hidden)
+
+
+@pytest.mark.parametrize("fps", RATES)
+def test_what_stays_smaller_is_no_longer_covered(fps):
+    """It has turned, or moved away: nothing slides along an edge for as long."""
+    tracker = TargetTracker()
+    tracker.start(Box(320, 240, W_PX, H_PX), 0.0)
+    after = []
+    for k in range(1, round(4 * fps) + 1):
+        box = Box(320, 240, W_PX * (0.65 if k / fps > 2.0 + 1e-5 else 1.0), H_PX)
+        after.append(tracker.step((Candidate(box, 0.9, 0.9, 0.9),), k / fps, IMAGE))
+    again = next(s for s in after if s.t_s > 2.0 + 1e-5 and s.status is TargetStatus.LOCKED)
+    assert 2.0 + COVERED_S - 1e-5 < again.t_s < 2.0 + COVERED_S + 0.4
+    assert after[-1].status is TargetStatus.LOCKED
+    assert after[-1].box.w_px == pytest.approx(0.65 * W_PX, rel=0.03)
 
 
 @pytest.mark.parametrize("fps", RATES)
@@ -243,6 +258,16 @@ def test_without_the_cameras_motion_only_the_size_is_taken_back():
     assert state.reason is TargetReason.SHAPE_COLLAPSE
     assert math.sqrt(state.box.w_px * state.box.h_px) == pytest.approx(math.sqrt(W_PX * H_PX), rel=0.15)
     assert state.box.cx_px == pytest.approx(before.box.cx_px + before.vel_px_s[0] / FPS, abs=2.0)
+
+
+def test_whether_places_hold_is_asked_anew_for_a_new_target():
+    tracker = TargetTracker()
+    lose(tracker)
+    assert tracker._sizes.places_hold, "the camera's motion was told"
+    _, state = lose(tracker, pan_px_s=30.0, ego=False)
+    twin = TargetTracker()
+    _, expected = lose(twin, pan_px_s=30.0, ego=False)
+    assert state.box == expected.box
 
 
 # --- whether it moved

@@ -11,7 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tracker.box import Box
-from tracker.memory_gates import MemoryDecision, MemoryFacts, MemoryGates, MemoryGatesConfig, MemoryReason
+from tracker.memory_gates import (
+    MAX_KEPT,
+    MemoryDecision,
+    MemoryFacts,
+    MemoryGates,
+    MemoryGatesConfig,
+    MemoryReason,
+)
 from tracker.messages import MemorySlot, TargetAlarm
 
 BOX = Box(300.0, 200.0, 30.0, 60.0)
@@ -113,6 +120,14 @@ def test_a_distractor_counts_for_a_second() -> None:
 def test_every_refusal_has_its_reason(change: dict[str, Any], reason: MemoryReason) -> None:
     assert last({}) == MemoryDecision(RECENT, MemoryReason.WRITE_RECENT)  # the same step without the change
     assert last(change) == MemoryDecision(None, reason)
+
+
+def test_a_clock_that_stands_still_does_not_fill_the_memory() -> None:
+    gates = MemoryGates()
+    gates.reset(0.0)
+    for _ in range(2 * MAX_KEPT):
+        gates.step(sure(1.0))
+    assert len(gates._sizes) == MAX_KEPT
 
 
 def test_what_is_not_known_does_not_refuse() -> None:

@@ -240,6 +240,22 @@ def test_a_jump_is_reported_as_reacquired_once(fps):
 # --- what is reported
 
 
+def test_a_lock_that_comes_in_the_picture_in_which_the_coast_ends_is_not_said_to_have_expired():
+    """Seen before the end of the coast, and again just after it."""
+    tracker = locked()
+    step_all(lambda t: [], [1 + k / 30 for k in range(1, 24)], tracker)
+    end_s = 1.0 + C.status.coast_still_s
+    assert tracker.step(STEADY, end_s - 0.2, IMAGE).reason is TargetReason.CONFIRMING
+    state = tracker.step(STEADY, end_s + 0.01, IMAGE)
+    assert (state.status, state.reason) == (LOCKED, TargetReason.REACQUIRED)
+
+
+def test_a_jump_in_the_picture_in_which_a_lock_expires_is_a_lock_with_its_own_reason():
+    tracker = locked(TargetTracker(TargetConfig(status=StatusConfig(reacquire_s=0.0))))
+    state = tracker.step([FAR], 1.0 + C.status.coast_s + 0.5, IMAGE)
+    assert (state.status, state.reason) == (LOCKED, TargetReason.REACQUIRED)
+
+
 def test_confidence_is_the_last_score_and_fades():
     tracker = locked()
     state = tracker.step([seen(0.6)], 1.1, IMAGE)
@@ -341,6 +357,7 @@ def test_a_time_or_image_that_is_not_finite_holds_everything(bad):
     for t_s, image in ((bad, IMAGE), (1.1, (bad, 360.0)), (1.1, (640.0, bad)), (1.1, (0.0, 360.0))):
         state = tracker.step(STEADY, t_s, image)
         assert (state.status, state.reason, state.t_s) == (COASTING, TargetReason.NOT_FINITE, 1.0)
+        assert state.confidence == 0.0, "nothing is known of this picture"
     assert future(tracker, 1.5) == before
     assert tracker.step([seen(0.45)], 1.1, IMAGE).status is LOCKED
 
@@ -350,6 +367,7 @@ def test_a_time_that_went_back_holds_everything():
     before = future(tracker, 1.5)
     state = tracker.step(STEADY, 0.9, IMAGE)
     assert (state.status, state.reason, state.t_s) == (COASTING, TargetReason.TIME_WENT_BACK, 1.0)
+    assert state.confidence == 0.0, "nothing is known of this picture"
     assert future(tracker, 1.5) == before
     assert tracker.step(STEADY, 1.1, IMAGE).reason is TargetReason.SEEN
 

@@ -32,7 +32,7 @@ from tracker.messages import (
     TargetState,
     TargetStatus,
 )
-from tracker.target import TargetConfig, TargetTracker
+from tracker.target import MIN_LIKENESS, TargetConfig, TargetTracker
 
 LOCKED, COASTING = TargetStatus.LOCKED, TargetStatus.COASTING
 SEARCHING, LOST = TargetStatus.SEARCHING, TargetStatus.LOST
@@ -280,15 +280,45 @@ def test_alone_there_is_no_alarm():
 LIKE, UNLIKE = seen(of=evidence()), seen(of=evidence(0.2))
 
 
+def grows(t: float) -> Candidate:
+    """From 2 s on the box spreads over what is around, and looks ever less like the target, but not unlike it."""
+    return seen(0.85, zoom=math.exp(min(1.2 * (t - 2), 0.84)), of=evidence(0.55)) if t > 2 + EPS else LIKE
+
+
+@pytest.mark.parametrize("fps", RATES)
+def test_a_lock_on_what_does_not_look_like_the_target_ends_at_once(fps):
+    states = play(until(3, [LIKE], [UNLIKE]), 8.0, fps)
+    ended = next(s for s in states if s.t_s > 3 + EPS)
+    assert (ended.status, ended.reason) == (COASTING, TargetReason.UNLIKE_EXEMPLAR)
+    assert (ended.chosen, ended.memory) == (None, None)
+    assert all(s.status in (COASTING, SEARCHING) for s in states if s.t_s > ended.t_s)
+
+
 @pytest.mark.parametrize("fps", RATES)
 def test_a_false_lock_ends_the_lock_and_is_not_at_once_locked_again(fps):
-    states = play(until(3, [LIKE], [UNLIKE]), 8.0, fps)
-    ended = next(s for s in states if s.t_s > 3 + EPS and s.status is not LOCKED)
+    states = play(lambda t: [grows(t)], 8.0, fps)
+    ended = next(s for s in states if s.t_s > 2 + EPS and s.status is not LOCKED)
     assert (ended.status, ended.reason) == (SEARCHING, TargetReason.FALSE_LOCK)
-    assert ended.t_s <= 4.0 + EPS
+    assert ended.t_s <= 3.0 + EPS
     assert ended.alarms == (TargetAlarm.FALSE_LOCK,)
-    assert (ended.chosen, ended.memory) == (None, None)
+    assert (ended.chosen, ended.memory, ended.confidence) == (None, None, 0.0)
     assert all(s.status is SEARCHING for s in states if s.t_s > ended.t_s)
+
+
+@pytest.mark.parametrize("fps", RATES)
+@pytest.mark.parametrize("gone_s", [3.2, 9.0])
+def test_after_a_false_lock_what_was_seen_beside_it_may_be_the_target(gone_s, fps):
+    """And the alarm ends with the false lock, so that it cannot tear the next one."""
+    target = seen(0.8, -150.0, of=evidence())
+
+    def script(t: float) -> list[Candidate]:
+        return [*([grows(t)] if t < gone_s else []), *([target] if t > 2.2 else [])]
+
+    states = play(script, 8.0, fps)
+    ended = next(k for k, s in enumerate(states) if s.reason is TargetReason.FALSE_LOCK)
+    assert {s.chosen for s in states[ended:]} == {None, target}
+    assert states[-1].status is LOCKED
+    assert not any(TargetAlarm.FALSE_LOCK in s.alarms for s in states[ended + 1 :])
 
 
 def test_after_a_false_lock_the_target_itself_is_found_again():
@@ -333,6 +363,60 @@ def test_what_is_found_after_a_longer_absence_must_look_like_the_target(back, ta
     assert (LOCKED in {s.status for s in states if s.t_s > 2 + EPS}) is taken
     if not taken:
         assert TargetReason.UNLIKE_EXEMPLAR in reasons(states)
+
+
+@pytest.mark.parametrize("hidden_s", [0.6, 3.0])
+def test_what_was_not_compared_does_not_end_a_longer_absence_but_holds_its_place(hidden_s):
+    """Only the first in rank is compared: another one must be looked at again before it is the target."""
+    back_s = 2 + hidden_s
+
+    def script(compared_s: float) -> Script:
+        def found(t: float) -> list[Candidate]:
+            if t <= 2 + EPS:
+                return [LIKE]
+            of = evidence() if t > compared_s else evidence(None, recent=None)
+            return [seen(0.9, 8.0, of=of)] if t > back_s else []
+
+        return found
+
+    never = [s for s in play(script(math.inf), 6.0) if s.t_s > back_s + 0.3]
+    assert LOCKED not in {s.status for s in never}
+    assert TargetReason.CONFIRMING in reasons(never)
+    states = play(script(back_s + 0.4), 6.0)
+    again = next(s.t_s for s in states if s.t_s > 2 + EPS and s.status is LOCKED)
+    assert again == pytest.approx(back_s + 0.4, abs=1.1 / 30)
+
+
+def test_a_short_absence_and_a_tracker_without_evidence_need_no_comparison():
+    for back, hidden_s in ((evidence(None, recent=None), 0.2), (None, 3.0)):
+        first = seen(of=None if back is None else evidence())
+        states = play(lambda t, b=back, h=hidden_s, f=first: [f] if t <= 2 + EPS else [] if t < 2 + h else [seen(of=b)], 6.0)
+        assert states[-1].status is LOCKED
+
+
+@pytest.mark.parametrize("dx", [0.0, 6 * SIZE_PX])
+def test_what_does_not_look_like_the_selected_is_not_acquired(dx):
+    """Neither in its place nor elsewhere, however good its score is."""
+    states = play(lambda t: [seen(0.95, dx, of=evidence(0.05))], 3.0)
+    assert {s.status for s in states} <= {TargetStatus.ACQUIRING, SEARCHING}
+    assert TargetReason.UNLIKE_EXEMPLAR in reasons(states)
+    assert play(lambda t: [seen(0.95, dx, of=evidence())], 3.0)[-1].status is LOCKED, "else it proves nothing"
+
+
+@pytest.mark.parametrize(("likeness", "taken"), [(0.9, True), (0.5, False)])
+def test_a_lock_does_not_jump_to_what_does_not_look_like_the_target(likeness, taken):
+    far = seen(0.95, 6 * SIZE_PX, of=evidence(likeness))
+    states = play(until(2, [LIKE], [far]), 3.0)
+    assert any(s.chosen is far for s in states) is taken
+    assert taken or TargetReason.UNLIKE_EXEMPLAR in reasons(states)
+
+
+@pytest.mark.parametrize(("back", "taken"), [(0.1, False), (0.2, True)])
+def test_a_target_that_hardly_looked_like_itself_is_not_recognised_by_chance(back, taken):
+    """Of a cosine of 0.25, which it must have had to be locked at all, and less later, most is chance."""
+    first = [seen(of=evidence(MIN_LIKENESS))]
+    states = play(lambda t: first if t <= 2 + EPS else [] if t < 5 else [seen(0.9, 90.0, of=evidence(back))], 7.0)
+    assert (states[-1].status is LOCKED) is taken
 
 
 def test_a_target_that_turns_and_is_known_from_the_memory_is_no_false_lock():
