@@ -34,9 +34,10 @@ class LongTerm:
     `false_confirmed`: LOCKED while not on target, of all frames. `honest_lock`: LOCKED, of the frames whose box
     overlaps the target by more than 0.5. `locked_after_loss_s`: for every true loss, how long the status stayed LOCKED
     after it; the end of the sequence, or the target followed again, ends the time. `left_in_time`: true losses after
-    which that was at most 0.7 s. `never_left`: true losses that the status never showed. `back_in_frames`,
-    `back_in_s`: chances after which the target was followed within 30 frames, or 1 s; chances whose target leaves, or
-    whose sequence ends, before that are left out. `wrong_writes`: boxes written to memory that were not on target.
+    which the status left LOCKED within 0.7 s; those that ended otherwise before that are left out. `never_left`: true
+    losses that the status never showed. `back_in_frames`, `back_in_s`: chances after which the target was followed
+    within 30 frames, or 1 s; chances whose target leaves, or whose sequence ends, before that are left out.
+    `wrong_writes`: boxes written to memory that were not on target.
     """
 
     false_confirmed: Share = field(default_factory=Share)
@@ -102,7 +103,7 @@ def long_term(
         false_confirmed=Share(int((locked & ~on).sum()), len(locked)),
         honest_lock=Share(int((locked & right).sum()), int(right.sum())),
         locked_after_loss_s=stays_s,
-        left_in_time=Share(sum(s <= LEAVE_WITHIN_S for s in stays_s), len(stays_s)),
+        left_in_time=_left_in_time(stays, fps),
         never_left=sum(not left for _, left in stays),
         back_in_frames=_back(starts, BACK_WITHIN_FRAMES, locked & on, present),
         back_in_s=_back(starts, max(1, round(BACK_WITHIN_S * fps)), locked & on, present),
@@ -118,6 +119,11 @@ def pooled(of: Iterable[LongTerm]) -> LongTerm:
 def _losses(locked: Flags, on: Flags, present: Flags) -> list[int]:
     followed = locked & on
     return [i for i in range(1, len(on)) if followed[i - 1] and not on[i] and (locked[i] or not present[i])]
+
+
+def _left_in_time(stays: Sequence[tuple[int, bool]], fps: float) -> Share:
+    told = [left for frames, left in stays if frames / fps <= LEAVE_WITHIN_S and left]
+    return Share(len(told), len(told) + sum(frames / fps > LEAVE_WITHIN_S for frames, _ in stays))
 
 
 def _stay(start: int, locked: Flags, on: Flags) -> tuple[int, bool]:

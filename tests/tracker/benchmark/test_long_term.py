@@ -66,7 +66,7 @@ def test_a_box_that_drifts_off_is_a_loss_only_while_locked():
 def test_a_loss_ends_when_the_target_is_followed_again_and_then_was_never_left():
     found = measured("LLLLLL", "++--++", "TTTTTT")
     assert found.locked_after_loss_s == (pytest.approx(0.2),)
-    assert (found.never_left, found.left_in_time) == (1, Share(1, 1))
+    assert (found.never_left, found.left_in_time) == (1, Share(0, 0))  # it never said so: no honest exit
 
 
 def test_one_loss_is_not_counted_again_before_the_target_was_followed():
