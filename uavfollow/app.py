@@ -28,6 +28,8 @@ from uavfollow.stopwatch import Stopwatch
 
 log = logging.getLogger(__name__)
 
+MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
+
 
 class Target(Protocol):
     """What makes candidates into a target state: `tracker.target.TargetTracker` or `tracker.raw.RawTarget`."""
@@ -173,6 +175,8 @@ class App:
         """
         if self._last is None or self._last[0].box is None:
             raise ValueError("there is no track to nudge: select a target first")
+        if not 0.0 <= t_s - self._last[0].t_s <= MAX_NUDGE_S:
+            raise ValueError(f"nudge at {t_s} s: the time must be that of the last picture or soon after")
         if frame is not None and frame.t_capture_s != self._last[0].t_s:
             raise ValueError("nudge: the frame is not the one that the box is of")
         if not (all(math.isfinite(v) for v in move_px) and all(0.1 <= v <= 10.0 for v in resize)):

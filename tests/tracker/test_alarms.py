@@ -240,6 +240,27 @@ def test_slow_growth_and_short_doubt_raise_nothing() -> None:
     assert reasons(follow(between(2.01, 2.4, nis=18.0), 5.0)) == set()
 
 
+def test_after_the_end_of_a_lock_its_evidence_is_gone_and_the_reference_stays() -> None:
+    unlike = {"exemplar": 0.4, "recent": 0.4}
+    alarm = FalseLock()
+    for k in range(101):
+        report = alarm.step(LockFacts(k / 30, True, **(GOOD | (unlike if k > 60 else {}))))
+    assert report.on
+    alarm.relock()
+    assert not alarm.step(LockFacts(101 / 30, True, **(GOOD | unlike))).on
+    assert alarm.reference == pytest.approx(0.9)
+    for k in range(102, 112):
+        report = alarm.step(LockFacts(k / 30, True, **(GOOD | unlike)))
+    assert report.on, "the same unlike thing, found again, is given less time"
+
+
+def test_a_clock_that_stands_still_does_not_fill_the_memory() -> None:
+    alarm = FalseLock()
+    for _ in range(2 * MAX_KEPT):
+        alarm.step(LockFacts(1.0, True, **GOOD))
+    assert [len(part._kept) for part in (alarm._sizes, alarm._nis, alarm._speeds)] == [MAX_KEPT] * 3
+
+
 @pytest.mark.parametrize("fps", [*RATES, 5.0])
 def test_the_reference_is_the_median_of_the_first_locked_second(fps: float) -> None:
     lock = FalseLock()

@@ -10,7 +10,7 @@ from tracker.association import Judged, judge_all
 from tracker.confidence.model import UNFITTED
 from tracker.filter import BoxFilter
 from tracker.messages import Candidate
-from tracker.rivals import BIRTH_SIZES, MAX_RIVALS, RivalConfig, RivalTracks
+from tracker.rivals import MAX_RIVALS, RivalConfig, RivalTracks
 
 C = RivalConfig()
 TARGET = seen(0.8)
@@ -80,7 +80,7 @@ def test_what_is_no_rival(other, sure):
     assert beside(other, sure=sure).mine([later], 0.55) == [later]
 
 
-@pytest.mark.parametrize(("sizes", "born"), [(BIRTH_SIZES - 0.05, False), (BIRTH_SIZES + 0.05, True)])
+@pytest.mark.parametrize(("sizes", "born"), [(0.95, False), (1.05, True)])
 def test_a_second_peak_within_a_targets_own_size_is_no_other_thing(sizes, born):
     for direction in ((1.0, 0.0), (0.0, -1.0)):
         other = seen(0.8, *(sizes * SIZE_PX * d for d in direction))
@@ -88,7 +88,9 @@ def test_a_second_peak_within_a_targets_own_size_is_no_other_thing(sizes, born):
 
 
 @pytest.mark.parametrize("fps", [10, 30])
-@pytest.mark.parametrize(("seconds", "locked", "shut_out"), [(0.2, True, True), (0.2, False, False), (0.5, False, True)])
+@pytest.mark.parametrize(
+    ("seconds", "locked", "shut_out"), [(0.2, True, True), (0.2, False, False), (0.5, False, True)]
+)
 def test_while_the_target_is_not_seen_only_who_was_long_beside_it_is_shut_out(seconds, locked, shut_out, fps):
     scene = Scene()
     for k in range(1, round(seconds * fps) + 1):
@@ -157,7 +159,13 @@ def test_a_mirrored_picture_has_the_same_rivals():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("birth_share", 1.5), ("keep_appearance", -0.1), ("forget_s", math.nan), ("clear_ratio", 0.5), ("established_s", -1.0)],
+    [
+        ("birth_share", 1.5),
+        ("keep_appearance", -0.1),
+        ("forget_s", math.nan),
+        ("clear_ratio", 0.5),
+        ("established_s", -1.0),
+    ],
 )
 def test_config_names_field_and_value(field, value):
     with pytest.raises(ValueError, match=rf"rivals {field} is {value}, must lie in"):

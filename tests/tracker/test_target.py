@@ -241,19 +241,14 @@ def test_a_jump_is_reported_as_reacquired_once(fps):
 
 
 def test_a_lock_that_comes_in_the_picture_in_which_the_coast_ends_is_not_said_to_have_expired():
-    """Seen before the end of the coast, and again just after it."""
-    tracker = locked()
-    step_all(lambda t: [], [1 + k / 30 for k in range(1, 24)], tracker)
+    """What was seen for too short to end the coast is seen for long enough to end the search that begins."""
+    tracker = locked(TargetTracker(TargetConfig(status=StatusConfig(resume_s=0.5))))
     end_s = 1.0 + C.status.coast_still_s
-    assert tracker.step(STEADY, end_s - 0.2, IMAGE).reason is TargetReason.CONFIRMING
-    state = tracker.step(STEADY, end_s + 0.01, IMAGE)
-    assert (state.status, state.reason) == (LOCKED, TargetReason.REACQUIRED)
-
-
-def test_a_jump_in_the_picture_in_which_a_lock_expires_is_a_lock_with_its_own_reason():
-    tracker = locked(TargetTracker(TargetConfig(status=StatusConfig(reacquire_s=0.0))))
-    state = tracker.step([FAR], 1.0 + C.status.coast_s + 0.5, IMAGE)
-    assert (state.status, state.reason) == (LOCKED, TargetReason.REACQUIRED)
+    states = [tracker.step([] if t < end_s - 0.25 else STEADY, t, IMAGE) for t in (1 + k / 30 for k in range(1, 40))]
+    before, first = next((a, b) for a, b in pairwise(states) if b.status is LOCKED)
+    assert (before.status, before.reason) == (COASTING, TargetReason.CONFIRMING)
+    assert first.t_s == pytest.approx(end_s, abs=1.1 / 30)
+    assert first.reason is TargetReason.REACQUIRED
 
 
 def test_confidence_is_the_last_score_and_fades():

@@ -32,7 +32,7 @@ from tracker.messages import (
     TargetState,
     TargetStatus,
 )
-from tracker.target import MIN_LIKENESS, TargetConfig, TargetTracker
+from tracker.target import TargetConfig, TargetTracker
 
 LOCKED, COASTING = TargetStatus.LOCKED, TargetStatus.COASTING
 SEARCHING, LOST = TargetStatus.SEARCHING, TargetStatus.LOST
@@ -390,8 +390,18 @@ def test_what_was_not_compared_does_not_end_a_longer_absence_but_holds_its_place
 def test_a_short_absence_and_a_tracker_without_evidence_need_no_comparison():
     for back, hidden_s in ((evidence(None, recent=None), 0.2), (None, 3.0)):
         first = seen(of=None if back is None else evidence())
-        states = play(lambda t, b=back, h=hidden_s, f=first: [f] if t <= 2 + EPS else [] if t < 2 + h else [seen(of=b)], 6.0)
+        states = play(
+            lambda t, b=back, h=hidden_s, f=first: [f] if t <= 2 + EPS else [] if t < 2 + h else [seen(of=b)], 6.0
+        )
         assert states[-1].status is LOCKED
+
+
+def test_a_selection_does_not_jump_to_what_is_only_a_little_like_it():
+    far = seen(0.95, 6 * SIZE_PX, of=evidence(0.4))
+    states = play(lambda t: [far], 0.6)
+    assert reasons(states[1:]) == {TargetReason.UNLIKE_EXEMPLAR}
+    like = seen(0.95, 6 * SIZE_PX, of=evidence())
+    assert any(s.chosen is like for s in play(lambda t: [like], 0.6)), "else it proves nothing"
 
 
 @pytest.mark.parametrize("dx", [0.0, 6 * SIZE_PX])
@@ -413,9 +423,10 @@ def test_a_lock_does_not_jump_to_what_does_not_look_like_the_target(likeness, ta
 
 @pytest.mark.parametrize(("back", "taken"), [(0.1, False), (0.2, True)])
 def test_a_target_that_hardly_looked_like_itself_is_not_recognised_by_chance(back, taken):
-    """Of a cosine of 0.25, which it must have had to be locked at all, and less later, most is chance."""
-    first = [seen(of=evidence(MIN_LIKENESS))]
+    """Known by the recent exemplar alone; of a cosine with the first that is as low, most is chance."""
+    first = [seen(of=evidence(0.08, recent=0.6))]
     states = play(lambda t: first if t <= 2 + EPS else [] if t < 5 else [seen(0.9, 90.0, of=evidence(back))], 7.0)
+    assert states[60].status is LOCKED
     assert (states[-1].status is LOCKED) is taken
 
 
