@@ -24,8 +24,7 @@ def test_the_encounter_and_the_aim(flight: SimResult) -> None:
     name, metrics = flight.scenario.name, flight.metrics
     assert [h.answer for h in flight.log.happenings] == ["selected"]
     if name in HIDDEN_S:
-        # How long exactly is tested without a tracker (tests/sitl/scenario/test_draw.py): one that turns the camera away
-        # hides the target for longer.
+        # How long exactly is tested without a tracker (tests/sitl/scenario/test_draw.py).
         assert metrics["hidden_longest_s"] is not None
         assert metrics["hidden_longest_s"] >= 0.9 * HIDDEN_S[name]
     elif name == "leaves":
