@@ -400,7 +400,7 @@ def test_the_last_word_before_silence_is_a_stop():
     """Only the landed state stops to come: zeros first, then silence; the vehicle does not fly on for 3 s."""
     rig = locked()
     rig.target_m = (60.0, 3.0, -0.7)
-    rig.run(1.0)
+    rig.run(6.0)  # three times as far at once: it must be found again
     rig.follow()
     rig.run(3.0)
     assert math.hypot(*rig.vehicle.vel_ned_m_s[:2]) > 2.0
@@ -414,7 +414,7 @@ def test_the_last_word_before_silence_is_a_stop():
 def test_an_error_while_sending_ends_in_a_stop(monkeypatch):
     rig = locked()
     rig.target_m = (60.0, 3.0, -0.7)
-    rig.run(1.0)
+    rig.run(6.0)  # three times as far at once: it must be found again
     rig.follow()
     rig.run(2.0)
 
@@ -430,7 +430,7 @@ def test_an_error_while_sending_ends_in_a_stop(monkeypatch):
 def test_after_zeros_the_limits_begin_from_standstill():
     rig = locked()
     rig.target_m = (60.0, 3.0, -0.7)
-    rig.run(1.0)
+    rig.run(6.0)  # three times as far at once: it must be found again
     rig.follow()
     rig.run(3.0)
     rig.following_pictures = False
