@@ -21,6 +21,7 @@ from tracker.confidence.features import Doubt
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
 from tracker.filter import BoxFilter, FilterConfig, UpdateReason, usable_box
+from tracker.likeness import Likeness, was_compared
 from tracker.messages import (
     Array,
     Candidate,
@@ -42,10 +43,6 @@ __all__ = ["TargetConfig", "TargetTracker"]
 
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
-UNKNOWN_LIKENESS = 0.7  # cosine that a target usually has with its first exemplar: 0.6 to 0.9 in a second
-MIN_LIKENESS = 0.25  # a target of which less is usual is recognised by chance
-FIRST_LIKENESS = 0.15  # before it is known what is usual: what has less is another thing
-UNKNOWN_COLOUR = 0.8  # similarity of colours that a target usually has in its first second: 0.73 to 0.96
 SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
 COVERED_S = 0.5  # a car at walking pace goes behind an edge in about a second, from the collapse on in half of one
 MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
@@ -77,6 +74,7 @@ class TargetTracker:
         self._t_s: float | None = None
         self._image_size_px: tuple[float, float] | None = None
         self._reference = Reference()
+        self._look_of = Likeness(self._config, self._reference)
         self._run = AgreeingRun()
         self._sizes = SizeMemory()
         self._rivals = RivalTracks(filter_config=filter_config)
@@ -249,7 +247,7 @@ class TargetTracker:
         sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
         if not sure:
             return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
-        sure = [j for j in sure if self._is_alike(j.candidate)]
+        sure = [j for j in sure if self._look_of.is_alike(j.candidate)]
         if not sure:
             return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
         bound = SIZE_LN + SIZE_LN_S * (t_s - self._machine.seen_s)
@@ -259,7 +257,7 @@ class TargetTracker:
         best = max(sure, key=lambda j: j.total(self._config.association.motion_weight))
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
-        if not self._run.lasted(self._config.status.reacquire_s) or not _was_compared(best.candidate):
+        if not self._run.lasted(self._config.status.reacquire_s) or not was_compared(best.candidate):
             return TargetReason.CONFIRMING
         self._filter.start(best.candidate.box, t_s)
         self._sizes.clear()
@@ -291,7 +289,7 @@ class TargetTracker:
         if self._sizes.collapses(best.candidate.box, t_s) or self._is_partial(best, t_s):
             return TargetReason.SHAPE_COLLAPSE
         long = coasting and t_s - self._machine.seen_s > c.status.trust_s + TIME_EPS_S
-        alike = self._is_alike if long or not best.inside else self._is_sustained
+        alike = self._look_of.is_alike if long or not best.inside else self._look_of.is_sustained
         return None if alike(best.candidate) else TargetReason.UNLIKE_EXEMPLAR
 
     def _is_partial(self, best: Judged, t_s: float) -> bool:
@@ -309,37 +307,7 @@ class TargetTracker:
         """Whether what is seen may end a long coast: what comes out from behind something need not be what went in."""
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
-        return self._run.lasted(self._config.status.resume_s) and _was_compared(best.candidate)
-
-    def _has_colours(self, candidate: Candidate) -> bool:
-        """Whether its colours are those of the target, where they are known."""
-        if candidate.evidence is None or candidate.evidence.colour is None:
-            return True
-        usual = self._reference.colour
-        return candidate.evidence.colour >= self._config.colour_share * (UNKNOWN_COLOUR if usual is None else usual)
-
-    def _may_be_kept(self, candidate: Candidate) -> bool:
-        """Whether the memory may take it: it was compared with the exemplar, goes on from it, and has its colours."""
-        return _was_compared(candidate) and self._is_sustained(candidate) and self._has_colours(candidate)
-
-    def _is_alike(self, candidate: Candidate) -> bool:
-        """Whether it looks like this very target, by what that looked like in its first confirmed second."""
-        evidence = candidate.evidence
-        if not self._has_colours(candidate):
-            return False
-        if evidence is None or evidence.exemplar is None:
-            return True
-        usual = self._reference.exemplar
-        likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
-        return likeness >= self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else max(usual, MIN_LIKENESS))
-
-    def _is_sustained(self, candidate: Candidate) -> bool:
-        """Whether a lock may go on: what covers a target can have good scores, but hardly its look."""
-        evidence, usual = candidate.evidence, self._reference.exemplar
-        if evidence is None or evidence.exemplar is None:
-            return True
-        likeness = max(evidence.exemplar, -1.0 if evidence.recent is None else evidence.recent)
-        return likeness >= (FIRST_LIKENESS if usual is None else self._config.sustain_share * max(usual, MIN_LIKENESS))
+        return self._run.lasted(self._config.status.resume_s) and was_compared(best.candidate)
 
     def _seen(self, best: Judged, probability: float, relocated: bool, t_s: float) -> TargetReason:
         """A candidate entered the estimate: what that means for the status."""
@@ -422,7 +390,7 @@ class TargetTracker:
             estimate=self._filter,
             image_size_px=self._image_size_px,
             ego_known=self._ego_known,
-            alike=self._chosen is None or self._may_be_kept(self._chosen.candidate),
+            alike=self._chosen is None or self._look_of.may_be_kept(self._chosen.candidate),
         )
         self._active, self._memory = self._watch.step(seen)
         if TargetAlarm.FALSE_LOCK in self._active and seen.locked:
@@ -493,8 +461,3 @@ class TargetTracker:
 
 def _moved(box: Box, dx_px: float, dy_px: float) -> Box:
     return replace(box, cx_px=box.cx_px + dx_px, cy_px=box.cy_px + dy_px)
-
-
-def _was_compared(candidate: Candidate) -> bool:
-    """Whether its look was compared with the exemplar, if the tracker does such a thing."""
-    return candidate.evidence is None or candidate.evidence.exemplar is not None

@@ -7,8 +7,9 @@ import pytest
 from tests.tracker.confidence.candidates import bare, candidate
 from tests.tracker.scripted import EPS, evidence, play, reasons, seen, until
 from tracker.confidence.reference import Reference
+from tracker.likeness import UNKNOWN_COLOUR
 from tracker.messages import Candidate, Evidence, TargetReason, TargetStatus
-from tracker.target import UNKNOWN_COLOUR, TargetConfig, TargetTracker
+from tracker.target import TargetConfig, TargetTracker
 
 LOCKED = TargetStatus.LOCKED
 SHARE = TargetConfig().colour_share
