@@ -23,6 +23,10 @@ COLLAPSE_LN_SIZE = 0.25
 # What shrinks so fast is being covered: within SUDDEN_S one side loses a third, or both a quarter of ln(size).
 SUDDEN_S = 0.4
 SUDDEN_LN_SIDE = 0.4
+# A box that first grows faster than this was wrong then, and what it loses again is no collapse.
+GROWTH_LN_S = 0.25
+# What is being covered looks less and less like itself; what turns or was measured too large hardly does.
+INTACT_LOSS = 0.1
 # Seen again, but so much smaller than before it was covered: still covered in part.
 PARTIAL_LN_SIDE, PARTIAL_LN_SIZE = 0.3, 0.2
 # Slower than this a coast of 1.5 s moves a quarter of the target; seen over less than MOVING_S it may be shake.
@@ -39,17 +43,28 @@ class SizeMemory:
 
     def __init__(self) -> None:
         self._states: deque[FilterState] = deque(maxlen=MAX_STATES)
+        self._sides: deque[tuple[float, float]] = deque(maxlen=MAX_STATES)  # ln of width and height, growing slowly
+        self._looks: deque[float | None] = deque(maxlen=MAX_STATES)
         self.places_hold = False
 
     def clear(self) -> None:
         """Forget all, as for a new target."""
-        self._states.clear()
+        for kept in (self._states, self._sides, self._looks):
+            kept.clear()
 
-    def add(self, state: FilterState) -> None:
-        """Keep a state."""
+    def add(self, state: FilterState, look: float | None = None) -> None:
+        """Keep a state, and how alike the target looked then (None: not known)."""
+        sides = float(state.x[2]), float(state.x[3])
+        if self._states:
+            grown = GROWTH_LN_S * max(state.t_s - self._states[-1].t_s, 0.0)
+            (was_w, was_h), (now_w, now_h) = self._sides[-1], sides
+            sides = min(now_w, was_w + grown), min(now_h, was_h + grown)
         self._states.append(state)
+        self._sides.append(sides)
+        self._looks.append(look)
         while self._states[0].t_s < state.t_s - MEMORY_S:
-            self._states.popleft()
+            for kept in (self._states, self._sides, self._looks):
+                kept.popleft()
 
     def shift(self, dx_px: float, dy_px: float) -> None:
         """Move with the picture (ego-motion)."""
@@ -58,14 +73,19 @@ class SizeMemory:
             state.x[0] += dx_px
             state.x[1] += dy_px
 
-    def collapses(self, box: Box, t_s: float) -> bool:
-        """Whether a box of the time `t_s` would be a sudden collapse: slow shrinking is real, and is none."""
-        recent = [state for state in self._states if state.t_s >= t_s - SUDDEN_S]
+    def collapses(self, box: Box, t_s: float, look: float | None = None) -> bool:
+        """Whether a box of the time `t_s` would be a sudden collapse: slow shrinking is real, and is none.
+
+        Nor is it one while it looks as much like itself (`look`) as before.
+        """
+        recent = [i for i, state in enumerate(self._states) if state.t_s >= t_s - SUDDEN_S]
         if not recent or not box.is_valid:
             return False
-        lost_w, lost_h = (
-            max(float(state.x[i]) for state in recent) - math.log(side) for i, side in ((2, box.w_px), (3, box.h_px))
-        )
+        looks = [known for i in recent if (known := self._looks[i]) is not None]
+        if look is not None and looks and max(looks) - look < INTACT_LOSS:
+            return False
+        lost_w = max(self._sides[i][0] for i in recent) - math.log(box.w_px)
+        lost_h = max(self._sides[i][1] for i in recent) - math.log(box.h_px)
         return max(lost_w, lost_h) > SUDDEN_LN_SIDE or (lost_w + lost_h) / 2 > COLLAPSE_LN_SIZE
 
     def is_moving(self, until_s: float) -> bool:
@@ -80,10 +100,12 @@ class SizeMemory:
         """The last state before the box began to collapse; None when it has not."""
         if not self._states:
             return None
-        largest = max(state.ln_size for state in self._states)
-        if largest - self._states[-1].ln_size < COLLAPSE_LN_SIZE:
+        sizes = [(ln_w + ln_h) / 2 for ln_w, ln_h in self._sides]
+        largest = max(sizes)
+        if largest - sizes[-1] < COLLAPSE_LN_SIZE:
             return None
-        return next(state for state in reversed(self._states) if state.ln_size >= largest - WHOLE_LN_SIZE)
+        last = max(i for i, size in enumerate(sizes) if size >= largest - WHOLE_LN_SIZE)
+        return self._states[last]
 
 
 def is_partial(box: Box, whole: Box) -> bool:

@@ -1,7 +1,7 @@
 """Where to look for a target that is not seen: first around the prediction, then over the whole picture.
 
     REGION   the window at the prediction, of the normal size in one call, growing in the next
-    SWEEP    the picture in tiles, nearest first, over several steps; the prediction's own window in between
+    SWEEP    the picture in tiles, nearest first, over several steps; the prediction's own window every `own_s`
     WHOLE    as SWEEP, but all tiles fit into the calls of one step
 
 A wide window makes the target small, and the network was trained for one size. Of 84 looks on the 12 validation
@@ -57,14 +57,15 @@ class SearchPlanConfig:
     The region's scale doubles every `double_s` seconds unseen, up to `region_scale`. After `region_s` unseen, or when
     the region cannot hold the 2-sigma ellipse, the picture is swept by tiles of the smallest scale from 1 to
     `tile_scale` that lets a sweep end within `sweep_s`; where none does, of `tile_scale`, and it takes longer.
-    `search_sides` is the side of the search crop in sides of the exemplar.
+    While the picture is swept the prediction's own window is searched every `own_s` seconds. `search_sides` is the side of the search crop in sides of the exemplar.
     """
 
     double_s: float = 2.0
     region_scale: float = MAX_SCALE
     region_s: float = 2.0
     tile_scale: float = MAX_SCALE
-    sweep_s: float = 4.0
+    sweep_s: float = 1.5
+    own_s: float = 0.3
     search_sides: float = 287.0 / EXEMPLAR_PX
 
     def __post_init__(self) -> None:
@@ -75,6 +76,7 @@ class SearchPlanConfig:
             ("region_s", 0.0, 60.0),
             ("tile_scale", 1.0, MAX_SCALE),
             ("sweep_s", 0.1, 60.0),
+            ("own_s", 0.0, 60.0),
             ("search_sides", 1.0, 10.0),
         ):
             check_range("search plan", name, getattr(self, name), low, high)
@@ -139,6 +141,7 @@ class SearchPlan:
         """Begin anew, as for a target that was just lost."""
         self._sweep: _Sweep | None = None
         self._own_turn = True
+        self._own_s = -math.inf
         self._t_s: float | None = None
         self._period_s: float | None = None
 
@@ -206,7 +209,7 @@ class SearchPlan:
     def _frame(
         self, centre: tuple[float, float], side_px: float, image_size_px: tuple[float, float], calls: int
     ) -> PlannedSearch:
-        own = self._take_turn(calls)
+        own = self._own_is_due()
         room = calls - 1 if own else calls
         sweep = self._sweep
         if sweep is None or not sweep.holds(side_px, image_size_px):
@@ -219,6 +222,13 @@ class SearchPlan:
             return PlannedSearch(centre, 1.0, tiles, stage)
         return PlannedSearch(tiles[0].center_px, scale, tiles[1:], stage)
 
+    def _own_is_due(self) -> bool:
+        """Whether a sweep is interrupted for the prediction's own window."""
+        due = self._t_s is None or self._t_s - self._own_s + TIME_EPS_S >= self._config.own_s
+        if due:
+            self._own_s = -math.inf if self._t_s is None else self._t_s
+        return due
+
     def _take_turn(self, calls: int) -> bool:
         """Whether this step searches the prediction's own window: always, but only every other time with one call."""
         own = self._own_turn or calls > 1
@@ -229,8 +239,9 @@ class SearchPlan:
         self, centre: tuple[float, float], side_px: float, image_size_px: tuple[float, float], calls: int
     ) -> _Sweep:
         """A new sweep: as small tiles as the time allows, nearest first."""
-        per_step = calls - 1 if calls > 1 else 0.5
-        affordable = per_step * self._config.sweep_s / (self._period_s or PERIOD_S)
+        period_s = self._period_s or PERIOD_S
+        own_share = min(period_s / self._config.own_s, 1.0) if self._config.own_s > 0 else 1.0
+        affordable = max(calls - own_share, 0.5) * self._config.sweep_s / period_s
         steps = round(SCALE_STEPS * math.log2(self._config.tile_scale))
         scales = [2.0 ** (i / SCALE_STEPS) for i in range(steps + 1)]
         scale = next((s for s in scales if _count(side_px * s, image_size_px) <= affordable), self._config.tile_scale)

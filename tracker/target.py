@@ -21,7 +21,7 @@ from tracker.confidence.features import Doubt
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
 from tracker.filter import BoxFilter, FilterConfig, UpdateReason, usable_box
-from tracker.likeness import Likeness, was_compared
+from tracker.likeness import Likeness, exemplar_of, was_compared
 from tracker.messages import (
     Array,
     Candidate,
@@ -45,6 +45,7 @@ ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
 SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
 COVERED_S = 0.5  # a car at walking pace goes behind an edge in about a second, from the collapse on in half of one
+WIDE = 1.05  # a window of a larger scale than this shows the target so small that its look is uncertain
 MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
@@ -116,6 +117,7 @@ class TargetTracker:
         self._watch.reset(t_s)
         self._rivals.clear()
         self._reference.clear()  # what it looked like was that of another box
+        self._look_of.clear()
         self._sizes.clear()
         self._run.clear()
         return self._report(TargetReason.SELECTED)
@@ -207,6 +209,7 @@ class TargetTracker:
         self._sizes.places_hold = False
         self._ego_known = False  # whether the camera's motion is told, so that velocities are the target's own
         self._reference.clear()
+        self._look_of.clear()
         self._run.clear()
         self._sizes.clear()
         self._rivals.clear()
@@ -245,11 +248,13 @@ class TargetTracker:
     def _reacquire(self, judged: Sequence[Judged], t_s: float) -> TargetReason:
         """Found again is what looks like this target in the same place for `reacquire_s`."""
         sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
+        self._outlier = next((j.candidate.box for j in judged if self._is_worth_a_look(j)), None)
         if not sure:
             return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
-        sure = [j for j in sure if self._look_of.is_alike(j.candidate)]
-        if not sure:
+        alike = [j for j in sure if self._look_of.is_alike(j.candidate)]
+        if not alike:
             return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
+        sure = alike
         bound = SIZE_LN + SIZE_LN_S * (t_s - self._machine.seen_s)
         sure = [j for j in sure if abs(j.motion.ln_size) <= bound]
         if not sure:
@@ -264,10 +269,17 @@ class TargetTracker:
         self._lock(best, best.appearance, Event.CONFIRMED, t_s)
         return TargetReason.REACQUIRED
 
+    def _is_worth_a_look(self, judged: Judged) -> bool:
+        """Whether something in a wide window, where all is small and uncertain, is looked at in a narrow one."""
+        evidence = judged.candidate.evidence
+        return evidence is not None and evidence.search_scale > WIDE and judged.appearance >= self._config.use_confidence
+
     def _take(self, best: Judged, t_s: float) -> TargetReason:
         """Let the chosen candidate into the estimate, if it is good enough for the status."""
         reason = self._refused(best, t_s)
         if reason is not None:
+            if self._is_faint(best, t_s):
+                self._filter.update(best.candidate.box, best.probability)
             return self._miss(reason, t_s)
         long = t_s - self._machine.seen_s > self._config.status.trust_s + TIME_EPS_S
         if self._machine.status is COASTING and long and not self._is_settled(best, t_s):
@@ -279,6 +291,14 @@ class TargetTracker:
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
+    def _is_faint(self, best: Judged, t_s: float) -> bool:
+        """Whether a coast may be moved by what is too faint to end it: it must look like the target by all means."""
+        if self._machine.status is not COASTING or not best.inside or not was_compared(best.candidate):
+            return False
+        if self._sizes.collapses(best.candidate.box, t_s) or self._is_partial(best, t_s):
+            return False
+        return self._look_of.may_resume(best.candidate) and self._look_of.has_colours(best.candidate)
+
     def _refused(self, best: Judged, t_s: float) -> TargetReason | None:
         """Why the chosen candidate must not enter the estimate; None: it may."""
         c, coasting = self._config, self._machine.status is COASTING
@@ -286,11 +306,16 @@ class TargetTracker:
             return TargetReason.INNOVATION_GATE
         if best.inside and best.probability < (c.status.lock_confidence if coasting else c.use_confidence):
             return self._doubt(best)
-        if self._sizes.collapses(best.candidate.box, t_s) or self._is_partial(best, t_s):
+        if self._sizes.collapses(best.candidate.box, t_s, exemplar_of(best.candidate)) or self._is_partial(best, t_s):
             return TargetReason.SHAPE_COLLAPSE
         long = coasting and t_s - self._machine.seen_s > c.status.trust_s + TIME_EPS_S
-        alike = self._look_of.is_alike if long or not best.inside else self._look_of.is_sustained
-        return None if alike(best.candidate) else TargetReason.UNLIKE_EXEMPLAR
+        if not best.inside:
+            alike = self._look_of.is_alike(best.candidate)
+        elif coasting:
+            alike = self._look_of.may_resume(best.candidate) and (not long or self._look_of.has_colours(best.candidate))
+        else:
+            alike = self._look_of.is_sustained(best.candidate)
+        return None if alike else TargetReason.UNLIKE_EXEMPLAR
 
     def _is_partial(self, best: Judged, t_s: float) -> bool:
         """Whether a target that was being covered is still seen in part only: much smaller than it was before.
@@ -340,7 +365,8 @@ class TargetTracker:
         self._machine.happen(event, t_s)
         self._use(best, probability, t_s)
         self._run.clear()
-        self._sizes.add(self._filter.state())
+        self._sizes.add(self._filter.state(), exemplar_of(best.candidate))
+        self._look_of.seen(best.candidate, t_s)
         self._reference.add(best.candidate, t_s)
 
     def _use(self, best: Judged, probability: float, t_s: float) -> None:

@@ -26,6 +26,7 @@ class TargetConfig:
     alike_share: float = 0.7
     # On the validation sequences 3 % of the boxes on the target were below it, 67 % of those off it.
     sustain_share: float = 0.5
+    present_share: float = 0.8
     # Half a second to eight seconds later 98 % of targets reach it (529 looks in 30 training videos; 99 % of 998 in
     # simulated flights) with exposure varied by 12 % and tint by 4 %; without memory 96 % and 99 %. Of simulated cars
     # in other paints 86 % do not; silver and pale blue are not told apart. At 0.80: 97 % and 99 % against 90 %.
@@ -41,6 +42,7 @@ class TargetConfig:
             ("use_confidence", 0.0, self.status.drop_confidence),
             ("alike_share", 0.0, 1.0),
             ("sustain_share", 0.0, self.alike_share),
+            ("present_share", 0.0, 1.0),
             ("colour_share", 0.0, 1.0),
             ("search_half_sizes", 0.5, 50.0),
             ("max_calls", 1, 16),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
 import os
 import signal
 from pathlib import Path
@@ -71,26 +70,16 @@ class Raises(BrightTracker):
         return super().update(frame, hint)
 
 
-class Dies(BrightTracker):
-    """Takes its process with it in a marked sequence."""
-
-    def update(self, frame: Frame, hint: SearchHint | None = None) -> tuple[Candidate, ...]:
-        if frame.seq == 4 and _mark(frame):
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().update(frame, hint)
-
-
 class Interrupts(BrightTracker):
     """In a marked sequence the user presses Ctrl-C."""
 
     def update(self, frame: Frame, hint: SearchHint | None = None) -> tuple[Candidate, ...]:
         if frame.seq == 4 and _mark(frame):
-            beside = multiprocessing.parent_process()
-            os.kill(os.getpid() if beside is None else os.getppid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
         return super().update(frame, hint)
 
 
-KINDS = {"bright": BrightTracker, "raises": Raises, "dies": Dies, "interrupts": Interrupts}
+KINDS = {"bright": BrightTracker, "raises": Raises, "interrupts": Interrupts}
 
 
 def mark(folder: Path) -> Path:

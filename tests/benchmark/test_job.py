@@ -13,14 +13,15 @@ from tests.benchmark.fakes import FRAMES, HEIGHT_PX, WIDTH_PX, mark, truth_box, 
 from tracker.benchmark.readers import find_sequences
 from tracker.box import Box
 from tracker.messages import Candidate, Frame, SearchHint, TargetReason, TargetStatus
-from uavfollow.benchmark.job import Job, JobError, Track, run_job
+from uavfollow.benchmark.job import Job, Track, run_job
 from uavfollow.trackers import TrackerSpec
+from uavfollow.workers import JobError
 
 LOCKED = TargetStatus.LOCKED
 
 
 def _job(folder: Path, spec: TrackerSpec = BRIGHT) -> Job:
-    return Job(spec, find_sequences((folder,))[0][0], "data/a", "key", "auto", "cpu", fakes.build)
+    return Job(spec, find_sequences((folder,))[0][0], "data/a", "key", "auto", "cpu", fakes.build, FRAMES)
 
 
 def _track(job: Job) -> Track:
@@ -59,6 +60,7 @@ def test_the_bare_tracker_is_locked_and_its_confidence_is_its_score(tmp_path: Pa
     track = _track(_job(write_sequence(tmp_path / "a", absent=range(8, 10)), RAW))
     assert {row.status for row in track.rows[:8]} == {TargetStatus.LOCKED}
     assert [row.confidence for row in track.rows[1:10]] == [0.9] * 7 + [0.0] * 2
+    assert track.rows[0].confidence is None, "the selection is no measurement"
     assert track.rows[8].reason is TargetReason.NO_CANDIDATE
 
 

@@ -122,10 +122,28 @@ def test_one_name_for_two_sequences_is_a_problem_and_the_same_twice_is_none(
     (problem,) = problems
     assert problem.where == str(tmp_path / "other/data/a/img")
     assert f"is also called {sequence.dataset}/a, as {tmp_path / 'data/a/img'} is" in problem.message
+    assert "Rename one" in problem.message
+
+
+def test_another_annotation_of_the_same_images_is_another_sequence(options: Make, sequence: Sequence) -> None:
+    other = replace(sequence, truth=(*sequence.truth[:-1], None))
+    assert len(make_plan(options(max_frames=3), [sequence, other])[1]) == 1
+
+
+def test_a_cut_is_remembered(options: Make, sequence: Sequence) -> None:
+    (job,) = make_plan(options(max_frames=5, fps=7.0), [sequence])[0].jobs
+    assert (len(job.sequence.images), len(job.sequence.truth), job.whole_frames) == (5, 5, FRAMES)
+    assert job.sequence.fps == 7.0
 
 
 @pytest.mark.parametrize(
-    ("dataset", "name", "expected"), [("x/y", "a b", "x-y/a-b"), ("..", ".a", "unnamed/a"), ("UAV123@10fps", "é", None)]
+    ("dataset", "name", "expected"),
+    [
+        ("x,y", 'a "#|\n', "x-y/a-----"),
+        ("x/y", "a b", "x-y/a-b"),
+        ("..", ".a", "unnamed/a"),
+        ("UAV123@10fps", "é", None),
+    ],
 )
 def test_names_are_those_of_files_inside_the_folder(
     options: Make, sequence: Sequence, dataset: str, name: str, expected: str | None
@@ -142,6 +160,8 @@ def test_trackers_by_their_names() -> None:
         (["siamapnpp", "siamapnpp@s"], "is named twice"),
         (["siamapnpp@a/w.safetensors,siamapnpp@b/w.safetensors"], "would have the same name, siamapnpp@w.safetensors"),
         (["siamapn"], "unknown tracker"),
+        (["siamapnpp,,nanotrack@x"], "--tracker siamapnpp,,nanotrack@x: a name is empty there"),
+        (["siamapnpp", " "], "--tracker  : a name is empty there"),
     ):
         with pytest.raises(InputError, match=message):
             chosen_trackers(texts, "")

@@ -82,6 +82,17 @@ def test_everything_is_written(options: Make, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_plots")
+def test_beside_as_here(options: Make, tmp_path: Path) -> None:
+    _data(tmp_path, "a")
+    mark(write_sequence(tmp_path / "data" / "b"))
+    here, beside = (run_bench(options(RAISES, jobs=n, out=tmp_path / f"out{n}")).report for n in (1, 2))
+    assert here.failures == beside.failures
+    (score,), (other,) = here.scores, beside.scores
+    assert score.confidence.tolist() == other.confidence.tolist()
+    assert score.errors_px.tolist() == other.errors_px.tolist()
+
+
+@pytest.mark.usefixtures("no_plots")
 def test_what_is_finished_is_not_repeated(
     options: Make, tmp_path: Path, starts: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,6 +149,18 @@ def test_nothing_to_score_is_an_error(options: Make, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no sequence could be tracked; the first: .*/b with raises: image "):
         run_bench(options(RAISES))
     assert not (tmp_path / "out" / "table.md").exists()
+
+
+@pytest.mark.usefixtures("no_plots")
+def test_other_data_of_the_same_names_does_not_replace_results(
+    options: Make, tmp_path: Path, starts: list[int]
+) -> None:
+    for place, frames in (("x", 4), ("y", 5)):
+        write_sequence(tmp_path / place / "data" / "a", frames=frames)
+    run_bench(options(paths=(tmp_path / "x" / "data",)))
+    with pytest.raises(InputError, match="holds the result of another sequence with this name"):
+        run_bench(options(paths=(tmp_path / "y" / "data",)))
+    assert len(starts) == 1
 
 
 def test_the_folder_of_the_sequences_is_no_place_for_results(options: Make, tmp_path: Path) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,10 +24,11 @@ from uavfollow.trackers import TrackerSpec
 
 BOX = Box.from_xywh(1.25, 2.5, 10.0, 20.125)
 ROWS = (
+    Row(BOX, TargetStatus.ACQUIRING, TargetReason.SELECTED, None),
     Row(BOX, TargetStatus.LOCKED, TargetReason.SEEN, 0.875, (TargetAlarm.DISTRACTOR, TargetAlarm.FALSE_LOCK),
         MemoryWrite(MemorySlot.ANCHOR, Box.from_xywh(3.0, 4.0, 5.0, 6.0))),
     Row(None, TargetStatus.LOST, TargetReason.GAVE_UP, 0.0),
-    *(Row(BOX, TargetStatus.SEARCHING, TargetReason.COAST_EXPIRED, 0.5) for _ in range(FRAMES - 2)),
+    *(Row(BOX, TargetStatus.SEARCHING, TargetReason.COAST_EXPIRED, 0.5) for _ in range(FRAMES - 3)),
 )  # fmt: skip
 TRACK = Track(ROWS, 1.5, 2, "engine")
 
@@ -32,11 +36,11 @@ TRACK = Track(ROWS, 1.5, 2, "engine")
 @pytest.fixture
 def job(tmp_path: Path) -> Job:
     sequence = find_sequences((write_sequence(tmp_path / "data" / "a"),))[0][0]
-    return Job(BRIGHT, sequence, "set/a", "key", "auto", "cpu", fakes.build)
+    return Job(BRIGHT, sequence, "set/a", "key", "auto", "cpu", fakes.build, FRAMES)
 
 
 def _with_key(job: Job, key: str) -> Job:
-    return Job(job.spec, job.sequence, job.name, key, job.precision, job.device, job.build)
+    return replace(job, key=key)
 
 
 def test_a_result_comes_back_as_it_was(tmp_path: Path, job: Job) -> None:
@@ -49,7 +53,7 @@ def test_a_result_comes_back_as_it_was(tmp_path: Path, job: Job) -> None:
     header = result.header
     assert (header.seconds, header.unread, header.engine, header.fps) == (1.5, 2, "engine", job.sequence.fps)
     lines = (tmp_path / "out" / "bright" / "set" / "a.txt").read_text().splitlines()
-    assert lines[:2] == ["1.2500,2.5000,10.0000,20.1250", "nan,nan,nan,nan"]
+    assert lines[1:3] == ["1.2500,2.5000,10.0000,20.1250", "nan,nan,nan,nan"]
     assert len(lines) == FRAMES
 
 
@@ -69,6 +73,7 @@ def test_another_key_is_no_result_until_it_is_written(tmp_path: Path, job: Job) 
         ("a.csv", lambda text: text[: len(text) // 2]),
         ("a.csv", lambda text: text.replace("LOCKED", "LOCK")),
         ("a.csv", lambda text: text.replace("0.875000", "much")),
+        ("a.csv", lambda text: text.replace("0.875000", "")),
         ("a.csv", lambda text: text.replace("status", "state")),
         ("a.json", lambda text: text[:-4]),
         ("a.json", lambda text: "[]"),
@@ -148,6 +153,61 @@ def test_a_file_in_place_of_the_folder_is_an_error(tmp_path: Path) -> None:
 
 
 def test_names_of_specs_are_folders(tmp_path: Path, job: Job) -> None:
-    named = Job(TrackerSpec("bright", "some/where/1.5", True), *(getattr(job, n) for n in Job.__slots__[1:]))
+    named = replace(job, spec=TrackerSpec("bright", "some/where/1.5", True))
     Store(tmp_path / "out").write(named, TRACK)
     assert (tmp_path / "out" / "bright@1.5+raw" / "set" / "a.csv").is_file()
+
+
+def test_the_first_image_has_no_confidence(tmp_path: Path, job: Job) -> None:
+    Store(tmp_path).write(job, TRACK)
+    with (tmp_path / "bright" / "set" / "a.csv").open() as file:
+        said = [row["confidence"] for row in csv.DictReader(file)]
+    assert said[:3] == ["", "0.875000", "0.000000"]
+
+
+def test_a_file_that_cannot_be_written_is_named_and_what_is_there_stays(
+    tmp_path: Path, job: Job, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = OSError(errno.ENOSPC, "No space left on device")
+    with opened(tmp_path / "out") as store:
+        store.write(job, TRACK)
+
+        def writes(path: Path, text: str, **options: object) -> int:
+            raise full
+
+        monkeypatch.setattr(Path, "write_text", writes)
+        with pytest.raises(InputError, match=r"set/b\.txt: cannot be written \(No space left on device\); make room"):
+            store.write(replace(job, name="set/b"), TRACK)
+        monkeypatch.undo()
+        assert store.read(job) is not None
+        assert store.read(replace(job, name="set/b")) is None
+        (tmp_path / "out" / "bright" / "other").write_text("a file in place of a folder")
+        with pytest.raises(InputError, match=r"bright/other/a\.json: cannot be written \(.*What was finished is kept"):
+            store.write(replace(job, name="other/a"), TRACK)
+    assert not list((tmp_path / "out").rglob(".part-*"))
+
+
+def test_further_trackers_are_those_with_results(tmp_path: Path, job: Job) -> None:
+    store = Store(tmp_path)
+    for name in ("bright", "zeta", "alpha"):
+        store.write(replace(job, spec=TrackerSpec(name, "", False)), TRACK)
+    (tmp_path / "plots" / "set").mkdir(parents=True)
+    (tmp_path / "plots" / "set" / "a.png").write_bytes(b"")
+    assert store.further({"bright"}) == ("alpha", "zeta")
+    assert store.further({"bright", "alpha", "zeta"}) == ()
+
+
+def test_results_of_another_sequence_of_the_name_are_not_replaced(tmp_path: Path, job: Job) -> None:
+    twin = find_sequences((write_sequence(tmp_path / "else" / "data" / "a"),))[0][0]
+    other = replace(job, sequence=twin, key="other")
+    store = Store(tmp_path / "out")
+    store.check_replaces([job, other])
+    store.write(job, TRACK)
+    store.check_replaces([job, _with_key(job, "new settings")])
+    message = (
+        rf"{tmp_path}/out/bright/set/a\.json: .*{tmp_path}/data/a/img, and that of {tmp_path}/else/data/a/img would"
+    )
+    with pytest.raises(InputError, match=message):
+        store.check_replaces([other])
+    (tmp_path / "data").rename(tmp_path / "moved")
+    store.check_replaces([other])

@@ -5,15 +5,19 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Sequence as Seq
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.benchmark import fakes
 from tests.benchmark.conftest import BRIGHT, RAW
+from tracker.benchmark.long_term import LongTerm
 from tracker.benchmark.scores import Mode
 from tracker.benchmark.sequence import Sequence
+from tracker.benchmark.shares import Share
 from tracker.box import Box
 from tracker.messages import MemorySlot, MemoryWrite, TargetReason, TargetStatus
 from uavfollow.benchmark import files
@@ -41,6 +45,8 @@ def _score(
     attributes: Seq[str] = (),
     memory: Box | None = None,
     mode: Mode = Mode.HONEST,
+    unread: int = 0,
+    whole: int | None = None,
 ) -> SequenceScore:
     dataset, _, short = name.partition("/")
     images = tuple(Path(f"{k}.jpg") for k in range(len(truth)))
@@ -50,12 +56,23 @@ def _score(
         Row(box, status, TargetReason.SEEN, said, (), write)
         for box, status, said in zip(boxes, statuses, confidence, strict=True)
     )
-    header = Header("key", str(spec), name, len(rows), 10.0, 0.5, 0, "engine", "cpu", "0")
-    return score_sequence(Job(spec, sequence, name, "key", "auto", "cpu", fakes.build), Result(header, rows), mode)
+    header = Header("key", str(spec), name, "images", len(rows), 10.0, 0.5, unread, "engine", "cpu", "0")
+    job = Job(spec, sequence, name, "key", "auto", "cpu", fakes.build, len(rows) if whole is None else whole)
+    return score_sequence(job, Result(header, rows), mode)
 
 
-def _report(*scores: SequenceScore, specs: Seq[TrackerSpec] = (BRIGHT,), mode: Mode = Mode.HONEST) -> Report:
-    return Report(mode, dict.fromkeys(specs, "engine"), "cpu", scores, (), 0)
+def _report(
+    *scores: SequenceScore, specs: Seq[TrackerSpec] = (BRIGHT,), mode: Mode = Mode.HONEST, **more: Any
+) -> Report:
+    return Report(mode, dict.fromkeys(specs, "engine"), "cpu", scores, (), 0, **more)
+
+
+def _published_sets(**more: Any) -> list[SequenceScore]:
+    """As many sequences as the published tables are of."""
+    sizes = (("UAV20L", 20), ("UAV123@10fps", 123))
+    return [
+        _score(name=f"{d}/{k}", attributes=ATTRIBUTES, mode=Mode.TOOLKIT, **more) for d, n in sizes for k in range(n)
+    ]
 
 
 def _rows(report: Report, first: str) -> list[list[str]]:
@@ -117,7 +134,8 @@ def test_means_are_over_sequences_that_every_tracker_finished() -> None:
     assert mean[2:] == ["**0.952 / 1.000 / 1.000**", "**0.238 / 0.250 / 0.250**"]
     assert _rows(report, "set/b")[0][2:] == ["0.238 / 0.250 / 0.250", "-"]
     assert "Means are over the sequences that every tracker finished." in as_markdown(report)
-    assert as_text(report)[0] == "mean of 1 sequences, mode honest"
+    assert as_text(report)[0] == "mean of 1 sequences, 4 images, mode honest (set at 10 (assumed) images/s)"
+    assert "Means are over the sequences that every tracker finished." in as_text(report)
     assert as_text(report)[2].split() == ["bright", "0.952", "1.000", "1.000", "100.0", "%", "0.0", "%", "-", "8.0"]
 
 
@@ -134,17 +152,107 @@ def test_published_rows_stand_beside_ours_where_the_attributes_exist() -> None:
     text = as_markdown(report)
     header = next(line for line in text.splitlines() if line.startswith("| tracker | FOC"))
     assert header == "| tracker | FOC (full occlusion), 1 sequences | SV (scale variation), 2 sequences |"
+    assert _rows(report, "bright (ours")[0][0] == "bright (ours: 0 of 143 sequences)"
     assert _rows(report, "SiamAPN++ (published)") == [["SiamAPN++ (published)", "0.358 / 0.577", "0.554 / 0.729"]]
     assert len([line for line in text.splitlines() if "(published)" in line]) == len(TABLE_I)
     assert _rows(report, "BC") == [["BC", "1", "0.952 / 1.000"]]
-    assert "Ours are of set and are counted in mode `honest` (published: `toolkit`), so they do not compare" in text
+    assert (
+        "**Do not compare directly**: ours are of set alone; are counted in mode `honest` (published: `toolkit`)."
+        in text
+    )
 
 
 def test_the_same_sequences_and_mode_compare_directly() -> None:
-    scores = [_score(name=f"{d}/a", attributes=ATTRIBUTES, mode=Mode.TOOLKIT) for d in ("UAV20L", "UAV123@10fps")]
-    text = as_markdown(_report(*scores, mode=Mode.TOOLKIT))
+    text = as_markdown(_report(*_published_sets(), mode=Mode.TOOLKIT))
     assert "Published: Table I of the SiamAPN++ paper, average over UAV20L and UAV123@10fps." in text
-    assert "so they do not compare" not in text
+    assert "compare directly" not in text
+    assert "(ours" not in text
+    assert "Partial" not in text
+
+
+@pytest.mark.parametrize(
+    ("score", "options", "row", "message"),
+    [
+        ({}, {"fps": 15.0}, "143 of 143", "ours were tracked as if at 15 images per second (--fps)."),
+        ({"unread": 1}, {}, "143 of 143", "ours lack images that could not be read."),
+        (
+            {"whole": 9},
+            {"max_frames": 4},
+            "143 of 143 sequences, cut",
+            "ours end after the first 4 images of a sequence.",
+        ),
+    ],
+)
+def test_what_keeps_whole_sets_from_being_compared(score: dict, options: dict, row: str, message: str) -> None:
+    text = as_markdown(_report(*_published_sets(**score), mode=Mode.TOOLKIT, **options))
+    assert f"**Do not compare directly**: {message}" in text
+    assert f"| bright (ours: {row}" in text
+
+
+def test_a_part_of_a_set_is_never_compared_in_silence() -> None:
+    report = _report(*_published_sets()[1:24], mode=Mode.TOOLKIT)
+    text = as_markdown(report)
+    assert (
+        "**Do not compare directly**: ours cover only 19 of the 20 sequences of UAV20L; "
+        "cover only 4 of the 123 sequences of UAV123@10fps." in text
+    )
+    assert "| bright (ours: 23 of 143 sequences) |" in text
+    assert _rows(report, "UAV20L")[0][1] == "19 of 20"
+    assert "Partial: 4 of the 123 sequences of UAV123@10fps." in as_text(report)
+
+
+def test_what_was_scored() -> None:
+    report = _report(
+        _score(BRIGHT, "UAV123@10fps/a", whole=90, unread=2),
+        _score(RAW, "UAV123@10fps/a", whole=90, unread=3),
+        _score(BRIGHT, "set/b"),
+        _score(RAW, "set/b"),
+        _score(RAW, "set/c", unread=1),
+        specs=(BRIGHT, RAW),
+        max_frames=4,
+        further=("nano", "old"),
+    )
+    assert _rows(report, "UAV123@10fps")[:2] == [
+        ["UAV123@10fps", "1 of 123", "4 of 90 (cut by --max-frames 4)", "10", "3"],
+        ["UAV123@10fps/a", "4 of 90, 3 not read", "0.952 / 1.000 / 1.000", "0.952 / 1.000 / 1.000"],
+    ]
+    assert _rows(report, "set")[0] == ["set", "1", "4", "10 (assumed)", "0"]
+    told = as_text(report)
+    assert told[0] == (
+        "mean of 2 sequences, 8 images, mode honest (UAV123@10fps at 10 images/s, set at 10 (assumed) images/s)"
+    )
+    for words in (
+        "Cut: of 1 of the 2 sequences only the first 4 images were tracked",
+        "Partial: 1 of the 123 sequences of UAV123@10fps.",
+        "Unread: 3 images of 1 sequences could not be read",
+        "Not shown: the folder also holds results of nano, old; name all trackers in one --tracker",
+    ):
+        (line,) = (line for line in told if line.startswith(words))
+        assert line in as_markdown(report).splitlines()
+        assert line in files.as_json(report)["notes"]
+    values = files.as_json(report)
+    assert (values["max_frames"], values["fps"], values["further_trackers"]) == (4, None, ["nano", "old"])
+    assert values["scored"][0]["whole_frames"] == 90
+    assert values["trackers"]["bright"]["unread_frames"] == 2
+    assert values["trackers"]["bright"]["by_sequence"]["UAV123@10fps/a"]["whole_frames"] == 90
+    assert "10 (--fps)" in as_markdown(_report(_score(), fps=10.0))
+
+
+def test_each_number_has_its_own_name() -> None:
+    shares = [Share(k, 10 * k) for k in range(1, 7)]
+    long = LongTerm(shares[0], shares[1], (0.2, 0.9, 0.4), shares[2], 7, *shares[3:])
+    (own,) = files.as_json(_report(replace(_score(), long_term=long)))["trackers"]["bright"]["by_sequence"].values()
+    expected = {
+        "losses": 3, "leave_locked_median_s": 0.4, "left_in_time": 3, "left_in_time_of": 30, "never_left": 7,
+        "reacquired_in_frames": 4, "reacquired_in_frames_of": 40, "reacquired_in_time": 5, "reacquired_in_time_of": 50,
+        "wrong_writes": 6, "writes": 60,
+    }  # fmt: skip
+    assert {name: own[name] for name in expected} == expected
+    assert own["locked_after_loss_s"] == [0.2, 0.9, 0.4]
+
+
+def test_nothing_to_say_of_whole_sequences() -> None:
+    assert len(as_text(_report(_score()))) == 3
 
 
 def test_without_attributes_nothing_published_is_shown() -> None:
@@ -178,15 +286,20 @@ def test_table_i_is_the_papers() -> None:
 def test_a_sequence_that_cannot_be_scored_breaks_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "plot_errors", lambda path, scores: None)
     failure = Failure("set/c with bright", "it | broke")
-    report = Report(
-        Mode.HONEST, {BRIGHT: "engine"}, "cpu", (_score(truth=(None,) * 4, attributes=("SV",)),), (failure,), 0
-    )
+    score = _score(truth=(None,) * 4, attributes=("SV",), unread=1, whole=7)
+    report = Report(Mode.HONEST, {BRIGHT: "engine"}, "cpu", (score,), (failure,), 0, 4)
     write_report(report, tmp_path, lambda done, of: None)
     values = json.loads((tmp_path / "summary.json").read_text())
     assert values["trackers"]["bright"]["auc"] is None
     assert values["failures"] == [{"where": "set/c with bright", "message": "it | broke"}]
     with (tmp_path / "summary.csv").open() as file:
         (row,) = csv.DictReader(file)
+    assert list(row) == list(values["columns"]), "each column is told of once"
+    assert (row["unread_frames"], row["whole_frames"], row["fps"], row["sequence"]) == ("1", "7", "10", "a")
+    own = values["trackers"]["bright"]["by_sequence"]["set/a"]
+    for name in files.VALUES:
+        assert row[name] == ("" if own[name] is None else f"{own[name]:.5g}"), name
+        assert name in values["trackers"]["bright"]
     assert (row["auc"], row["frames"], row["false_confirmed_share"]) == ("", "4", "1")
     assert "## Not scored (1)\n\n- set/c with bright: it | broke" in (tmp_path / "table.md").read_text()
     assert _rows(report, "set/a")[0][2] == "-"

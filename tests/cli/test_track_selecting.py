@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import pytest
 
 from tests.cli.conftest import Material
 from tracker.box import Box
+from uavfollow.cli import build_parser
 
 
 def _middle(box: str) -> str:
@@ -27,7 +30,14 @@ def test_one_click_tracks_the_car(material: Material, tmp_path, cli) -> None:
     )  # fmt: skip
     assert result.code == 0
     assert _start(out).iou(Box.from_xywh(*map(float, material.box.split(",")))) > 0.5
-    assert '"preset": "vehicle"' in (out / "summary.json").read_text()
+    told = json.loads((out / "summary.json").read_text())["settings"]
+    assert told["preset"] == "vehicle"
+    assert told["click"] == _middle(material.box)
+    assert told["pick"] == 1
+    assert told["targets"].startswith("1  ")
+    assert "forced" not in told
+    assert "took box 1 of " in result.out
+    assert "--pick K takes another" in result.out
 
 
 def test_targets_lists_the_moving_car_and_pick_takes_it(material: Material, tmp_path, cli) -> None:
@@ -40,7 +50,7 @@ def test_targets_lists_the_moving_car_and_pick_takes_it(material: Material, tmp_
     assert Box.from_xywh(*map(float, box.split(","))).iou(truth) > 0.4  # with its shadow
     assert [p.name for p in (tmp_path / "o").iterdir()] == ["first_frame_proposals.png"]
     picture = cv2.imread(str(tmp_path / "o" / "first_frame_proposals.png"))
-    assert picture.shape == (360, 640, 3)
+    assert picture.shape == (540, 960, 3)
 
 
 def test_targets_of_a_click_and_a_pick(material: Material, tmp_path, cli) -> None:
@@ -51,6 +61,33 @@ def test_targets_of_a_click_and_a_pick(material: Material, tmp_path, cli) -> Non
     picked = cli("track", material.folder, "--click", point, "--pick", 2, "--max-frames", 2, "--no-video", "--out", out)
     assert picked.code == 0
     assert _start(out).iou(Box.from_xywh(*map(float, second.split(",")))) > 0.95
+    assert "took box 2 of " in picked.out
+    assert json.loads((out / "summary.json").read_text())["settings"]["pick"] == 2
+
+
+def test_the_list_as_json(material: Material, tmp_path, cli) -> None:
+    result = cli("track", material.folder, "--targets", "--json", "--out", tmp_path / "o")
+    told = json.loads(result.out)
+    assert [t["number"] for t in told["targets"]] == list(range(1, len(told["targets"]) + 1))
+    assert set(told["targets"][0]) == {"number", "box", "reason", "score", "unsuitable"}
+    assert told["files"] == [str(tmp_path / "o" / "first_frame_proposals.png")]
+
+
+def test_json_of_a_run_is_json_alone(material: Material, tmp_path, cli) -> None:
+    options = ("--targets", "--pick", 1, "--json", "--max-frames", 2, "--no-video", "--out", tmp_path / "o")
+    result = cli("track", material.folder, *options)
+    assert json.loads(result.out) == json.loads((tmp_path / "o" / "summary.json").read_text()) | {
+        "files": json.loads(result.out)["files"]
+    }
+    assert "took box 1 of " in result.err
+
+
+def test_the_options_of_choosing_are_a_group_of_the_help() -> None:
+    _, commands = build_parser()
+    text = commands["track"].format_help()
+    group = text[text.index("choosing the target:") :]
+    assert all(f"  {option}" in group for option in ("--click", "--targets", "--pick", "--force", "--preset"))
+    assert "--hfov-deg" not in group
 
 
 @pytest.mark.parametrize(
@@ -82,3 +119,4 @@ def test_force_overrides(material: Material, tmp_path, cli) -> None:
     out = tmp_path / "o"
     options = ("--box", "0,50,40,40", "--force", "--max-frames", 2, "--no-video", "--out", out)
     assert cli("track", material.folder, *options).code == 0
+    assert json.loads((out / "summary.json").read_text())["settings"]["forced"] == "at_edge"

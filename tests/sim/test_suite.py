@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import signal
-import threading
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +17,13 @@ from sitl.scenario import builtin_names, load_scenario
 from uavfollow.cli import bench_suite
 from uavfollow.cli.bench_suite import parse_seeds
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, EXIT_SHORT, InputError
-from uavfollow.sim import suite, suite_pool
+from uavfollow.interrupts import orderly_end
+from uavfollow.sim import suite
 from uavfollow.sim.suite import SuiteOptions, code_hash, run_suite
-from uavfollow.sim.suite_aims import AIMS, BY_NAME, GEOMETRY, PIXELS, SEEDS, Aim
-from uavfollow.sim.suite_job import Flown, SuiteError, SuiteJob
-from uavfollow.sim.suite_table import Outcome, as_markdown, line_of, wilson
+from uavfollow.sim.suite_aims import AIMS, BY_NAME, GEOMETRY, MIN_RUNS, PIXELS, SEEDS, Aim
+from uavfollow.sim.suite_job import Flown, SuiteJob, fly
+from uavfollow.sim.suite_table import TOO_FEW, Outcome, as_json, as_markdown, line_of, wilson
+from uavfollow.workers import JobError
 
 
 def flown(metrics: dict[str, float | None], passed: bool = True, metric: str = "reacquired") -> Flown:
@@ -67,7 +67,7 @@ def test_a_run_reaches_by_its_own_criterion_for_the_aims_metric() -> None:
 
 def test_shares_and_floors() -> None:
     runs = [outcome(seed, seed % 10 != 0) for seed in SEEDS]
-    aim = Aim("occlusion_short", "reacquired", "says", share=0.95, floors=((PIXELS, 0.9),))
+    aim = Aim("occlusion_short", "reacquired", "says", "measures", share=0.95, floors=((PIXELS, 0.9),))
     line = line_of(aim, runs, PIXELS)
     assert (line.reached, line.share, line.is_met, line.is_short) == (18, 0.9, False, False)
     assert line_of(replace(aim, floors=((PIXELS, 0.91),)), runs, PIXELS).is_short
@@ -78,8 +78,34 @@ def test_shares_and_floors() -> None:
     assert line_of(replace(aim, share=0.9), runs, PIXELS).is_met
 
 
+def test_a_few_runs_give_no_verdict() -> None:
+    aim = BY_NAME["occlusion_short"]
+    runs = [outcome(seed, True) for seed in SEEDS]
+    assert len(runs) == MIN_RUNS
+    few, enough = (line_of(aim, runs[:count], PIXELS) for count in (MIN_RUNS - 1, MIN_RUNS))
+    assert (few.is_met, few.verdict) == (None, TOO_FEW)
+    assert (enough.is_met, enough.verdict) == (True, "aim met")
+    text = "\n".join(as_markdown([few], "about"))
+    assert "| 19 (100%) | 83% to 100%" in text
+    assert f"| {TOO_FEW} |" in text
+    assert "A verdict takes at least 20 runs: --seeds 0-19." in text
+    assert "A verdict takes" not in "\n".join(as_markdown([enough], "about"))
+    (values,) = as_json([few], runs, {})["scenarios"]
+    assert (values["aim_met"], values["verdict"], values["interval_95"][1]) == (None, TOO_FEW, 1.0)
+    assert (
+        line_of(BY_NAME["lookalike"], [outcome(0, True, "lookalike", false_confirmed_share=0.0)], PIXELS).is_met is None
+    )
+
+
+def test_every_aim_can_be_told_from_chance_by_the_runs_of_a_verdict() -> None:
+    lowest = min(aim.share for aim in AIMS if aim.share is not None)
+    assert wilson(MIN_RUNS, MIN_RUNS)[0] > lowest
+    assert wilson(15, 15)[0] == pytest.approx(0.80, abs=0.005)
+    assert wilson(5, 5)[0] == pytest.approx(0.57, abs=0.005)
+
+
 def test_means_and_their_floors() -> None:
-    aim = Aim("lookalike", "false_confirmed_share", "says", mean=0.02, floors=((PIXELS, 0.03),))
+    aim = Aim("lookalike", "false_confirmed_share", "says", "measures", mean=0.02, floors=((PIXELS, 0.03),))
     runs = [outcome(s, True, "lookalike", false_confirmed_share=0.4 if s == 3 else 0.0) for s in SEEDS]
     line = line_of(aim, runs, PIXELS)
     assert line.mean == pytest.approx(0.02)
@@ -113,13 +139,18 @@ class Pilot:
         self.fly, self.asked = fly, [""] * 0
         self.stop_after: int | None = None
 
-    def __call__(self, jobs: Sequence[SuiteJob], processes: int, tell: suite_pool.Tell) -> None:
+    def __call__(self, jobs: Sequence[SuiteJob], work: object, processes: int, report: Any, **_: object) -> None:
         self.asked = []
         for job in jobs:
             if self.stop_after is not None and len(self.asked) >= self.stop_after:
                 raise KeyboardInterrupt
             self.asked.append(job.name)
-            tell(job, self.fly(job))
+            made = self.fly(job)
+            if isinstance(made, str):
+                report.failed(job, made)
+            else:
+                report.done(job, made)
+            report.steps(0)
 
 
 def by_seed(job: SuiteJob) -> Flown | str:
@@ -129,7 +160,7 @@ def by_seed(job: SuiteJob) -> Flown | str:
 @pytest.fixture
 def pilot(monkeypatch: pytest.MonkeyPatch) -> Pilot:
     made = Pilot(by_seed)
-    monkeypatch.setattr(suite, "run_jobs", made)
+    monkeypatch.setattr(suite, "run_beside", made)
     monkeypatch.setattr(suite, "_identity", lambda options: f"weights of {options.model}")
     return made
 
@@ -144,6 +175,7 @@ def test_files_and_what_is_in_them(pilot: Pilot, tmp_path: Path) -> None:
     assert names == ["leaves.jpg", "returns.jpg", "runs", "suite.json", "suite.md"]
     assert len(list((tmp_path / "out" / "runs").glob("*.json"))) == 6
     assert len(list((tmp_path / "out" / "runs").glob("*.jpg"))) == 6  # this pilot films every run
+    assert set(result.json["columns"]) == set(result.json["scenarios"][0]["medians"])
     written = json.loads((tmp_path / "out" / "suite.json").read_text())
     assert written == json.loads(json.dumps(result.json))
     assert [s["scenario"] for s in written["scenarios"]] == ["leaves", "returns"]
@@ -231,45 +263,45 @@ def test_a_folder_of_something_else_is_left_alone(pilot: Pilot, tmp_path: Path) 
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != ".lock") == ["thesis.tex"]
 
 
-# --- processes
+# --- processes (what they do with jobs that die, and when they are interrupted: tests/app/test_workers.py)
 
 
 def _job(scenario: str, seed: int = 0) -> SuiteJob:
     return SuiteJob(scenario, seed, None, "auto", "auto", "key")
 
 
-def test_a_run_that_cannot_be_is_told_by_its_process_and_the_rest_go_on() -> None:
-    told: list[tuple[str, Flown | str]] = []
-
-    def tell(job: SuiteJob | None, what: Flown | str | None) -> None:
-        if job is not None and what is not None:
-            told.append((job.name, what))
-
-    suite_pool.run_jobs([_job("no-such-thing"), _job("nor-this")], 1, tell)
-    assert [name for name, _ in told] == ["no-such-thing-000", "nor-this-000"]
-    assert all(
-        isinstance(what, str) and what.startswith("ScenarioError") and "no such scenario" in what for _, what in told
-    )
+def test_a_run_that_cannot_be_is_told_in_a_line() -> None:
+    with pytest.raises(JobError, match=r"^ScenarioError: .*no such scenario"):
+        fly(_job("no-such-thing"), lambda: False)
 
 
-def test_an_interruption_ends_the_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A signal to this process only, as `kill` sends it: the workers are told, and those that do not hear are ended."""
-    import multiprocessing
+def test_a_run_that_is_not_wanted_any_more_ends_at_once() -> None:
+    asked = []
 
-    from uavfollow.interrupts import orderly_end
+    def tick() -> bool:
+        asked.append(True)
+        return len(asked) == 3
 
-    monkeypatch.setattr(suite_pool, "STOP_S", 1.0)
-    before = set(multiprocessing.active_children())
-    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
-    with pytest.raises(KeyboardInterrupt), orderly_end():
-        suite_pool.run_jobs([_job("returns", seed) for seed in range(50)], 1, lambda job, what: None)
-    assert set(multiprocessing.active_children()) <= before
+    with orderly_end():
+        assert fly(_job("returns"), tick) is None
+    assert len(asked) == 3
 
 
-def test_errors_carry_over_between_processes() -> None:
-    import pickle
+def test_runs_go_to_other_processes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    given = {}
 
-    assert str(pickle.loads(pickle.dumps(SuiteError("why")))) == "why"
+    def beside(jobs: Sequence[SuiteJob], work: object, processes: int, report: Any, **options: object) -> None:
+        given.update(options, work=work, processes=processes, names=[job.name for job in jobs])
+        for job in jobs:
+            report.failed(job, "no")
+
+    monkeypatch.setattr(suite, "run_beside", beside)
+    run_suite(options(tmp_path, model=None, names=("leaves",)))
+    names = ["leaves-000", "leaves-001", "leaves-002"]
+    assert given == {
+        "work": fly, "processes": 2, "names": names, "stop_s": suite.STOP_S, "died": suite.DIED,
+    }  # fmt: skip
+    assert (pickle.loads(pickle.dumps(fly)), pickle.loads(pickle.dumps(_job("leaves")))) == (fly, _job("leaves"))
 
 
 # --- the command line
@@ -288,6 +320,25 @@ def test_seeds_that_are_none(text: str) -> None:
         parse_seeds(text)
 
 
+def test_help_tells_what_each_scenario_measures(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        command("--help")
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    for aim in AIMS:
+        assert [aim.scenario, aim.measures] in lines
+        assert aim.measures.endswith("?")
+
+
+def test_what_cannot_be_written_is_named(pilot: Pilot, tmp_path: Path) -> None:
+    blocked = tmp_path / "out" / "runs" / "returns-001.jpg"
+    blocked.mkdir(parents=True)
+    with pytest.raises(InputError, match=r"returns-001\.jpg: cannot be written \(Is a directory\); make room"):
+        run_suite(options(tmp_path / "out"))
+    blocked.rmdir()
+    run_suite(options(tmp_path / "out"))
+    assert pilot.asked == ["returns-001", "leaves-002", "returns-002"], "what was finished is kept"
+
+
 def command(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
     bench_suite.add_verb(parser.add_subparsers())
@@ -298,7 +349,7 @@ def command(*arguments: str) -> int:
 def test_the_command(pilot: Pilot, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     given = ("leaves", "--seeds", "0-1", "--out", str(tmp_path / "out"))
     assert command(*given) == EXIT_DONE
-    assert "aim met" in capsys.readouterr().out
+    assert TOO_FEW in capsys.readouterr().out
     assert command(*given, "--json") == EXIT_DONE
     assert json.loads(capsys.readouterr().out)["model"] == "s"
     pilot.fly = lambda job: "broken"

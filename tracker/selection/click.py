@@ -39,7 +39,7 @@ LOOKED_THROUGH = 200  # best candidates among which distinct ones are sought; th
 def propose(image_bgr_u8: ImageU8, point_px: tuple[float, float], scorer: Scorer | None = None) -> tuple[Proposal, ...]:
     """Boxes for what is at a point of a picture (H, W, 3), best first, distinct; each lies inside the picture.
 
-    `score` is about the overlap to be expected, with a scorer mixed with its judgement. Empty when the point is not
+    `score` is about the overlap to be expected, with a scorer by both. Empty when the point is not
     finite or outside, or the picture too small to hold a target.
     """
     height, width = image_bgr_u8.shape[:2]

@@ -9,6 +9,9 @@ from tracker.messages import Candidate
 from tracker.siamapnpp.evidence import MAX_SECOND
 
 
+NARROW_SHARE = 0.6  # of the rank: what a narrow window shows as well is seen better there than in a wide one
+
+
 @dataclass(frozen=True, slots=True)
 class Found:
     """A candidate, its rank that can be compared between windows, and its footprint (half sizes, frame pixels)."""
@@ -28,8 +31,11 @@ def merge(windows: Sequence[Sequence[Found]], count: int) -> tuple[Candidate, ..
         return tuple(one.candidate for one in windows[0][:count])
     kept: list[Found] = []
     for one in sorted((one for found in windows for one in found), key=_rank, reverse=True):
-        if not any(_same_place(better, one) for better in kept):
+        better = next((i for i, other in enumerate(kept) if _same_place(other, one)), None)
+        if better is None:
             kept.append(one)
+        elif _scale(one) < _scale(kept[better]) and one.rank >= NARROW_SHARE * kept[better].rank:
+            kept[better] = one
     return tuple(_with_second(one, kept) for one in kept[:count])
 
 
@@ -47,6 +53,11 @@ def _same_place(a: Found, b: Found) -> bool:
     reach_x, reach_y = (max(pair) for pair in zip(a.footprint_px, b.footprint_px, strict=True))
     p, q = a.candidate.box, b.candidate.box
     return abs(p.cx_px - q.cx_px) < reach_x and abs(p.cy_px - q.cy_px) < reach_y
+
+
+def _scale(found: Found) -> float:
+    evidence = found.candidate.evidence
+    return evidence.search_scale if evidence is not None else 1.0
 
 
 def _rank(found: Found) -> float:

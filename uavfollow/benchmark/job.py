@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tracker.benchmark.sequence import Sequence, load_image
@@ -14,19 +13,19 @@ from tracker.loop import TrackLoop
 from tracker.messages import Frame, MemoryWrite, TargetAlarm, TargetReason, TargetState, TargetStatus
 from uavfollow.benchmark.options import Builder
 from uavfollow.trackers import TrackerSpec, make_target
+from uavfollow.workers import JobError, Tick
 
 EDGE_PX = 1e-6  # a box cut exactly at the border may lie beyond it after rounding
 THREADS = 1  # speeds are those of one thread, so that they do not depend on what else the machine does
 ROOT = Path(__file__).resolve().parents[2]
 
 
-class JobError(Exception):
-    """A sequence that could not be tracked to its end; one line that says where it broke."""
-
-
 @dataclass(frozen=True, slots=True)
 class Job:
-    """`name` is DATASET/SEQUENCE; `key` says what the result depends on (`uavfollow/benchmark/plan.py`)."""
+    """`name` is DATASET/SEQUENCE; `key` says what the result depends on (`uavfollow/benchmark/plan.py`).
+
+    `whole_frames`: images that the data set has of the sequence, of which `sequence` may be the beginning.
+    """
 
     spec: TrackerSpec
     sequence: Sequence
@@ -35,16 +34,20 @@ class Job:
     precision: str
     device: str
     build: Builder
+    whole_frames: int
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What the target's estimate said of one image, without what only control needs."""
+    """What the target's estimate said of one image, without what only control needs.
+
+    `confidence` is None for the first image: its box was given, nothing was measured.
+    """
 
     box: Box | None
     status: TargetStatus
     reason: TargetReason
-    confidence: float
+    confidence: float | None
     alarms: tuple[TargetAlarm, ...] = ()
     memory: MemoryWrite | None = None
 
@@ -67,7 +70,7 @@ class Track:
     engine: str
 
 
-def run_job(job: Job, tick: Callable[[], bool]) -> Track | None:
+def run_job(job: Job, tick: Tick) -> Track | None:
     """Track the sequence from its first box; None when `tick`, asked before every image, wants an end.
 
     Raises JobError.
@@ -88,7 +91,8 @@ def run_job(job: Job, tick: Callable[[], bool]) -> Track | None:
             begun_s = time.perf_counter()
             state = loop.step(frame, t_s) if rows else loop.start(*_start(frame, job.sequence.first))
             seconds += time.perf_counter() - begun_s
-            rows.append(Row.of(state))
+            row = Row.of(state)
+            rows.append(row if rows else replace(row, confidence=None))
     except Exception as error:  # whatever a tracker does, the other sequences go on
         raise JobError(f"{place}: {_told(error)}") from error
     return Track(tuple(rows), seconds, unread, built.engine)

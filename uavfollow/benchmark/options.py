@@ -36,9 +36,14 @@ class BenchOptions:
 
 
 def chosen_trackers(texts: list[str], model: str) -> tuple[TrackerSpec, ...]:
-    """Trackers named as SPEC,SPEC, once or several times; `model` for those that name none. Raises InputError."""
+    """Trackers named as SPEC,SPEC, once or several times; `model` for those that name none.
+
+    Raises InputError: unknown, empty or named twice, or two whose results would have the same name.
+    """
     specs: list[TrackerSpec] = []
-    for text in (part for given in texts for part in given.split(",")):
+    for given, text in ((whole, part) for whole in texts for part in whole.split(",")):
+        if not text.strip():
+            raise InputError(f"--tracker {given}: a name is empty there; write SPEC,SPEC without further commas")
         spec = parse_spec(text, model)
         twin = next((other for other in specs if other.label == spec.label), None)
         if twin == spec:

@@ -37,17 +37,20 @@ class Plan:
 
 def make_plan(options: BenchOptions, found: Iterable[Sequence]) -> tuple[Plan, list[Problem]]:
     """The jobs of the options, and the sequences that were left out. Raises InputError for a tracker that is no use."""
-    named, problems = _named(_limited(options, found))
+    named, problems = _named(found)
     code = code_hash()
     built = {spec: _identity(options, spec) for spec in options.trackers}
-    jobs = []
-    for name, sequence in named:
+    jobs, sequences = [], []
+    for name, whole in named:
+        sequence = _limited(options, whole)
+        sequences.append((name, sequence))
         material = _material(sequence)
         for spec in options.trackers:
             identity = built[spec][0]
             key = _hash([KEY_SCHEMA, code, spec.label, identity, options.precision, sequence.fps, material])
-            jobs.append(Job(spec, sequence, name, key, options.precision, options.device, options.build))
-    return Plan(tuple(named), tuple(jobs), {spec: engine for spec, (_, engine) in built.items()}), problems
+            frames = len(whole.images)
+            jobs.append(Job(spec, sequence, name, key, options.precision, options.device, options.build, frames))
+    return Plan(tuple(sequences), tuple(jobs), {spec: engine for spec, (_, engine) in built.items()}), problems
 
 
 def code_hash(root: Path = ROOT) -> str:
@@ -83,16 +86,12 @@ def _foreign_code(tracker: Any) -> str:
     return "" if path.is_relative_to(ROOT / "tracker") else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _limited(options: BenchOptions, found: Iterable[Sequence]) -> Iterator[Sequence]:
-    """The sequences with the frame rate and the length that the user wants."""
-    for sequence in found:
-        count = len(sequence.images) if options.max_frames is None else options.max_frames
-        yield replace(
-            sequence,
-            images=sequence.images[:count],
-            truth=sequence.truth[:count],
-            fps=options.fps or sequence.fps,
-        )
+def _limited(options: BenchOptions, sequence: Sequence) -> Sequence:
+    """The sequence with the frame rate and the length that the user wants."""
+    count = len(sequence.images) if options.max_frames is None else options.max_frames
+    return replace(
+        sequence, images=sequence.images[:count], truth=sequence.truth[:count], fps=options.fps or sequence.fps
+    )
 
 
 def _named(found: Iterable[Sequence]) -> tuple[list[tuple[str, Sequence]], list[Problem]]:
@@ -103,9 +102,13 @@ def _named(found: Iterable[Sequence]) -> tuple[list[tuple[str, Sequence]], list[
         name = f"{_safe(sequence.dataset)}/{_safe(sequence.name)}"
         if name not in named:
             named[name] = sequence
-        elif named[name].images != sequence.images:
+        elif named[name] != sequence:
             first, second = named[name].images[0].parent, sequence.images[0].parent
-            problems.append(Problem(str(second), f"is also called {name}, as {first} is; it is left out"))
+            message = (
+                f"is also called {name}, as {first} is, and its results would lie in the same place; it is left out. "
+                "Rename one of the folders, or give each its own --out"
+            )
+            problems.append(Problem(str(second), message))
     return list(named.items()), problems
 
 

@@ -14,7 +14,7 @@ from tracker.benchmark.scores import OVERLAP_THRESHOLDS, PRECISION_PX, PRECISION
 from tracker.messages import Array, TargetStatus
 from uavfollow.benchmark.report import Report
 from uavfollow.benchmark.scoring import SequenceScore, TrackerScore
-from uavfollow.benchmark.store import placed
+from uavfollow.benchmark.store import placed, writing
 from uavfollow.record.plots import LEGEND, STATUS_COLOURS
 
 SUCCESS, PRECISION, CALIBRATION = "success.png", "precision.png", "calibration.png"
@@ -29,7 +29,8 @@ MIN_BIN = 20  # frames: the share of fewer is a guess, shown hollow
 def plot_means(report: Report, folder: Path) -> tuple[Path, ...]:
     """The three plots over all compared sequences; returns their paths."""
     scored = [total for total in report.totals if total.curves is not None]
-    about = f"{len({s.name for s in report.compared})} sequences, mode {report.mode.value}"
+    cut = f", first {report.max_frames} images" if any(score.is_cut for score in report.compared) else ""
+    about = f"{len({s.name for s in report.compared})} sequences{cut}, mode {report.mode.value}"
     return (
         _curves(
             folder / SUCCESS, scored, f"success plot, {about}", OVERLAP_THRESHOLDS, lambda c: (c.success, c.auc),
@@ -133,6 +134,7 @@ def _figure(width: float, height: float) -> tuple[Figure, Any]:
 
 
 def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with placed(path) as part:
         figure.savefig(part, dpi=DPI, format="png")

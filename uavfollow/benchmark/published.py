@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tracker.benchmark.attributes import UAV20L, UAV123_10FPS
+from tracker.benchmark.scores import Mode
 
 SOURCE = "Table I of the SiamAPN++ paper, average over UAV20L and UAV123@10fps"
 DATASETS = frozenset({UAV20L, UAV123_10FPS})
+MODE = Mode.TOOLKIT
 ATTRIBUTES = ("CM", "FM", "FOC", "POC", "SV")
 
 

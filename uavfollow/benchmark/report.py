@@ -23,7 +23,11 @@ class Failure:
 
 @dataclass(frozen=True)
 class Report:
-    """`engines` are those of the trackers, in the order in which they are shown. `reused`: results that lay there."""
+    """`engines` are those of the trackers, in the order in which they are shown. `reused`: results that lay there.
+
+    `max_frames` and `fps` are what the user asked for, None: the whole sequences at the data set's own rate.
+    `further`: trackers whose results lie in the same folder, but which this command did not name.
+    """
 
     mode: Mode
     engines: dict[TrackerSpec, str]
@@ -31,6 +35,9 @@ class Report:
     scores: tuple[SequenceScore, ...]
     failures: tuple[Failure, ...]
     reused: int
+    max_frames: int | None = None
+    fps: float | None = None
+    further: tuple[str, ...] = ()
 
     @property
     def specs(self) -> tuple[TrackerSpec, ...]:

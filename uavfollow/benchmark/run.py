@@ -10,16 +10,19 @@ from tracker.benchmark.readers import find_sequences
 from tracker.benchmark.sequence import Problem
 from tracker.engines.cpu import describe_cpu
 from uavfollow.benchmark.files import write_report
-from uavfollow.benchmark.job import Job, Track
+from uavfollow.benchmark.job import Job, Track, run_job
 from uavfollow.benchmark.options import BenchOptions
 from uavfollow.benchmark.plan import Plan, make_plan
 from uavfollow.benchmark.report import Failure, Report
 from uavfollow.benchmark.scoring import SequenceScore, score_sequence
 from uavfollow.benchmark.store import Result, Store, opened
-from uavfollow.benchmark.workers import run_jobs
 from uavfollow.errors import InputError
 from uavfollow.progress import ProgressLine
 from uavfollow.tell import tell
+from uavfollow.workers import run_beside, run_here
+
+STOP_S = 3.0  # a worker looks before every image whether it is to stop, and has nothing to save
+DIED = "the process that tracked it died (killed, or out of memory), alone as well; try a smaller --max-frames"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +36,8 @@ class BenchResult:
 def run_bench(options: BenchOptions) -> BenchResult:
     """Run what is not there yet, and write tables and plots over all of it.
 
-    Raises InputError: no sequence, a tracker or a folder that cannot be used. KeyboardInterrupt, at any time, keeps the
-    results of every sequence that was finished; the same options go on from there.
+    Raises InputError: no sequence, a tracker or a folder that cannot be used, a file that cannot be written. After it,
+    and after KeyboardInterrupt at any time, every finished sequence is kept; the same options go on from there.
     """
     sequences, problems = find_sequences(options.paths)
     if not sequences:
@@ -45,10 +48,10 @@ def run_bench(options: BenchOptions) -> BenchResult:
         tell(f"left out: {failure}")
     with opened(options.out) as store:
         missing = [job for job in plan.jobs if store.read(job) is None]
+        store.check_replaces(missing)
         watcher = Watcher(store, missing)
         try:
-            if missing:
-                run_jobs(missing, min(options.jobs, len(missing)), watcher)
+            _track(missing, options.jobs, watcher)
             report = _report(options, plan, store, [*failures, *watcher.failures], len(plan.jobs) - len(missing))
             if not report.scores:
                 raise InputError(f"no sequence could be tracked; the first: {report.failures[0]}")
@@ -56,6 +59,16 @@ def run_bench(options: BenchOptions) -> BenchResult:
         finally:
             watcher.close()
     return BenchResult(report, tuple(files))
+
+
+def _track(jobs: list[Job], processes: int, watcher: Watcher) -> None:
+    processes = min(processes, len(jobs))
+    if processes <= 1:
+        run_here(jobs, run_job, watcher)
+        return
+    # The longest first: at the end nobody waits for one that was begun last.
+    longest_first = sorted(jobs, key=lambda job: -len(job.sequence.images))
+    run_beside(longest_first, run_job, processes, watcher, stop_s=STOP_S, died=DIED)
 
 
 class Watcher:
@@ -81,7 +94,7 @@ class Watcher:
         self._line.close()
         tell(f"failed: {self.failures[-1]}")
 
-    def images(self, count: int) -> None:
+    def steps(self, count: int) -> None:
         """So many images more."""
         self._images += count
         spent_s = self._line.due_s()
@@ -106,7 +119,17 @@ class Watcher:
 def _report(options: BenchOptions, plan: Plan, store: Store, failures: list[Failure], reused: int) -> Report:
     found = [(job, store.read(job)) for job in plan.jobs]
     scores = tuple(_scored(job, result, options) for job, result in found if result is not None)
-    return Report(options.mode, plan.engines, describe_cpu(), scores, tuple(failures), reused)
+    return Report(
+        mode=options.mode,
+        engines=plan.engines,
+        cpu=describe_cpu(),
+        scores=scores,
+        failures=tuple(failures),
+        reused=reused,
+        max_frames=options.max_frames,
+        fps=options.fps,
+        further=store.further({spec.label for spec in options.trackers}),
+    )
 
 
 def _scored(job: Job, result: Result, options: BenchOptions) -> SequenceScore:

@@ -23,7 +23,8 @@ class SequenceScore:
     """One tracker on one sequence. `curves` is None when no frame could be counted.
 
     `confidence` and `on_target` leave out the first frame, whose box was given. `errors_px` is NaN where there is no
-    box or no target. `statuses` is None for a bare tracker, which has none of its own.
+    box or no target. `statuses` is None for a bare tracker, which has none of its own. `whole_frames`: images that the
+    data set has of the sequence; `unread_frames`: those of ours that could not be read.
     """
 
     spec: TrackerSpec
@@ -31,6 +32,8 @@ class SequenceScore:
     dataset: str
     attributes: frozenset[str]
     frames: int
+    whole_frames: int
+    unread_frames: int
     seconds: float
     fps: float
     curves: Curves | None
@@ -41,9 +44,14 @@ class SequenceScore:
     statuses: tuple[TargetStatus, ...] | None
 
     @property
-    def frames_per_s(self) -> float | None:
+    def speed_frames_per_s(self) -> float | None:
         """Speed of tracker and target, without reading images; None when nothing was measured."""
         return self.frames / self.seconds if self.seconds > 0 else None
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether this is only the beginning of the sequence."""
+        return self.frames < self.whole_frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +60,12 @@ class TrackerScore:
 
     spec: TrackerSpec
     sequences: int
+    frames: int
+    unread_frames: int
     curves: Curves | None
     long_term: LongTerm
     reliability: Reliability
-    frames_per_s: float | None
+    speed_frames_per_s: float | None
 
 
 def score_sequence(job: Job, result: Result, mode: Mode) -> SequenceScore:
@@ -63,13 +73,15 @@ def score_sequence(job: Job, result: Result, mode: Mode) -> SequenceScore:
     sequence, rows = job.sequence, result.rows
     boxes = [row.box for row in rows]
     statuses = tuple(row.status for row in rows)
-    confidence = [row.confidence if math.isfinite(row.confidence) else 0.0 for row in rows[1:]]
+    confidence = [c if c is not None and math.isfinite(c) else 0.0 for c in (row.confidence for row in rows[1:])]
     return SequenceScore(
         spec=job.spec,
         name=job.name,
         dataset=sequence.dataset,
         attributes=sequence.attributes,
         frames=len(rows),
+        whole_frames=job.whole_frames,
+        unread_frames=result.header.unread,
         seconds=result.header.seconds,
         fps=sequence.fps,
         curves=curves(boxes, sequence.truth, mode),
@@ -91,18 +103,20 @@ def score_sequence(job: Job, result: Result, mode: Mode) -> SequenceScore:
 def score_tracker(spec: TrackerSpec, scores: Iterable[SequenceScore]) -> TrackerScore:
     """Those of `scores` that are of this tracker, together."""
     own = [score for score in scores if score.spec == spec]
-    seconds = sum(score.seconds for score in own)
+    frames, seconds = sum(score.frames for score in own), sum(score.seconds for score in own)
     said = [score.confidence for score in own]
     true = [score.on_target for score in own]
     return TrackerScore(
         spec=spec,
         sequences=len(own),
+        frames=frames,
+        unread_frames=sum(score.unread_frames for score in own),
         curves=mean_curves(score.curves for score in own),
         long_term=pooled(score.long_term for score in own),
         reliability=reliability(
             np.concatenate(said) if said else np.zeros(0), np.concatenate(true) if true else np.zeros(0, dtype=bool)
         ),
-        frames_per_s=sum(score.frames for score in own) / seconds if seconds > 0 else None,
+        speed_frames_per_s=frames / seconds if seconds > 0 else None,
     )
 
 

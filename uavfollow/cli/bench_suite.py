@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, EXIT_SHORT, InputError
+from uavfollow.sim.suite_aims import AIMS, MIN_RUNS
 from uavfollow.tell import tell
 
 VERB = "suite"
@@ -18,15 +19,24 @@ MAX_SEED = 2**32 - 1
 DESCRIPTION = """Flies each scenario with each seed, pictures rendered and the network in the loop, and writes
 suite.json, suite.md and NAME.jpg (pictures of two seeds) into DIR. A finished run is not flown again unless code,
 weights or the scenario changed; the same command goes on where it was stopped. The exit code is 1 when a floor is
-missed or a run could not be made."""
+missed or a run could not be made.
+"""
 
 
 def add_verb(verbs: Any) -> None:
     """Add the command to those of `bench`."""
-    parser = verbs.add_parser(VERB, help="occlusions, look-alikes and losses in the simulator", description=DESCRIPTION)
+    parser = verbs.add_parser(
+        VERB,
+        help="occlusions, look-alikes and losses in the simulator",
+        description=DESCRIPTION,
+        epilog=_scenarios(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("names", metavar="NAME", nargs="*", help="scenarios of the suite (default: all)")
     parser.add_argument("--seeds", default="0-19", metavar="SEEDS", help="as 0-19 or 0,3,7 (default: 0-19)")
-    parser.add_argument("--jobs", type=int, default=1, help="runs at the same time, a core each (default: 1)")
+    parser.add_argument(
+        "--jobs", metavar="N", type=int, default=1, help="runs at the same time, one core each (default: 1)"
+    )
     parser.add_argument("--model", default="s", help="s, full or a .safetensors file (default: s)")
     parser.add_argument("--geometry", action="store_true", help="no pixels, no network: candidates from the truth")
     parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="auto")
@@ -34,6 +44,13 @@ def add_verb(verbs: Any) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the results (default: runs/suite-MODEL)")
     parser.add_argument("--json", action="store_true", help="print suite.json instead of the tables")
     parser.set_defaults(run=_run)
+
+
+def _scenarios() -> str:
+    """A line for each scenario."""
+    width = max(len(aim.scenario) for aim in AIMS)
+    lines = [f"  {aim.scenario:{width}}  {aim.measures}" for aim in AIMS]
+    return "\n".join(["what each scenario measures:", *lines, f"A verdict takes at least {MIN_RUNS} seeds."])
 
 
 def _run(arguments: argparse.Namespace) -> int:

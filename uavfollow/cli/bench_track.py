@@ -21,15 +21,17 @@ MAX_JOBS = 256
 MAX_FPS = 1000.0
 DESCRIPTION = """Tracks every sequence from its first box with every tracker, by one thread each, and writes
 DIR/TRACKER/DATASET/SEQUENCE.csv (boxes, status, confidence), .txt (x,y,w,h) and .json, table.md, summary.csv,
-summary.json and plots. A finished sequence is not tracked again unless code, weights, settings or images changed; the
-same command goes on where it was stopped. PATH is a sequence, a data set (UAV123, UAV123@10fps, UAV20L, DTB70, UAVDT,
-VisDrone-SOT, UAVTrack112, GOT-10k, or folders with img/ and groundtruth_rect.txt), or a folder of them."""
+summary.json (which also tells what each column means) and plots. A finished sequence is not tracked again unless code,
+weights, settings or images changed; the same command goes on where it was stopped. The tables show the trackers of
+this command, from all that DIR holds of them. PATH is a folder: a sequence, a data set (UAV123, UAV123@10fps, UAV20L,
+DTB70, UAVDT, VisDrone-SOT, UAVTrack112, GOT-10k, or folders with img/ and groundtruth_rect.txt), or a folder of
+them. The exit code is 1 when a sequence could not be tracked or read."""
 
 
 def add_verb(verbs: Any) -> None:
     """Add the command to those of `bench`."""
     parser = verbs.add_parser(VERB, help="trackers over annotated sequences", description=DESCRIPTION)
-    parser.add_argument("paths", metavar="PATH", nargs="+", type=Path, help="sequence, data set, or folder of them")
+    parser.add_argument("paths", metavar="PATH", nargs="+", type=Path, help="sequence, data set, or a folder of them")
     parser.add_argument(
         "--tracker",
         metavar="SPEC,SPEC",
@@ -38,10 +40,10 @@ def add_verb(verbs: Any) -> None:
     )
     parser.add_argument("--model", default="", help="for trackers that name none: s, full or a .safetensors file")
     parser.add_argument("--mode", choices=["honest", "toolkit"], default="honest", help="scoring (default: honest)")
-    parser.add_argument("--jobs", type=int, default=1, help="sequences tracked at the same time (default: 1)")
+    parser.add_argument("--jobs", metavar="N", type=int, default=1, help="sequences at the same time (default: 1)")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder of the results; may grow")
-    parser.add_argument("--fps", type=float, help="frame rate of the images (default: as the data set says)")
-    parser.add_argument("--max-frames", type=int, help="of each sequence only so many")
+    parser.add_argument("--fps", metavar="FPS", type=float, help="rate of the images (default: as the data set says)")
+    parser.add_argument("--max-frames", metavar="N", type=int, help="of each sequence only the first so many images")
     parser.add_argument("--precision", choices=["auto", "fp32", "bf16"], default="auto")
     parser.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
     parser.add_argument("--json", action="store_true", help="print summary.json instead of the means")

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from uavfollow.cli import selecting
 from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, EXIT_SHORT, InputError
 from uavfollow.interrupts import orderly_end
+from uavfollow.tell import tell
 
 if TYPE_CHECKING:
     from tracker.box import Box
     from tracker.messages import Frame
+    from tracker.selection import Scorer
     from uavfollow.track_run import TrackOptions
     from uavfollow.trackers import TrackerSpec
     from uavfollow.video.source import FrameSource
@@ -134,15 +136,16 @@ def _run(arguments: argparse.Namespace) -> int:
     out = arguments.out or free_folder(f"track-{source.name}", "report.html")
     _check_places(arguments, out)
     if selecting.lists_only(arguments):
-        print("\n".join(selecting.write_targets(arguments, source, out)))
+        print(selecting.write_targets(arguments, source, out, lambda: _scorer(arguments)))
         return EXIT_DONE
-    box = _initial_box(arguments, truth, source, out)
+    chosen = _chosen(arguments, truth, source, out)
     from uavfollow.track_run import run_track
 
     options = _options(arguments, out, tlog)
     with orderly_end():
-        summary = run_track(source, box, truth, options)
-    summary.show(as_json=arguments.json)
+        summary = run_track(source, chosen.box, truth, options)
+    told = selecting.record(summary, {**chosen.record, **selecting.forced(arguments, chosen.box, source)})
+    (told if arguments.json else summary).show(as_json=arguments.json)  # the text has named the box before the run
     if summary.interrupted:
         return EXIT_INTERRUPTED
     return EXIT_SHORT if summary.faults > MAX_FAULTY_SHARE * summary.frames else EXIT_DONE
@@ -172,7 +175,7 @@ def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> Tra
         tracker=_tracker(arguments),
         precision=arguments.precision,
         device=arguments.device,
-        threads=arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES),
+        threads=_threads(arguments),
         box_from=_box_from(arguments),
         force=arguments.force or _box_from(arguments) == FROM_TRUTH,  # a data set's own target is never refused
         preset=arguments.preset,
@@ -186,11 +189,33 @@ def _options(arguments: argparse.Namespace, out: Path, tlog: Path | None) -> Tra
     )
 
 
-def _initial_box(arguments: argparse.Namespace, truth: list[Box | None] | None, source: FrameSource, out: Path) -> Box:
+def _scorer(arguments: argparse.Namespace) -> Scorer:
+    """The tracker that will follow the target judges the boxes of a click; it is built for it a second time."""
+    from tracker.selection import SelfConsistency
+    from uavfollow.trackers import build
+
+    built = build(_tracker(arguments), arguments.precision, arguments.device, _threads(arguments))
+    return SelfConsistency(lambda: built.tracker)
+
+
+def _threads(arguments: argparse.Namespace) -> int:
+    return arguments.threads or max(1, (os.cpu_count() or 1) - SPARE_CORES)
+
+
+def _chosen(
+    arguments: argparse.Namespace, truth: list[Box | None] | None, source: FrameSource, out: Path
+) -> selecting.Choice:
+    if selecting.is_wanted(arguments):
+        chosen = selecting.choose(arguments, source, lambda: _scorer(arguments))
+        for note in chosen.notes:
+            tell(note) if arguments.json else print(note, flush=True)
+        return chosen
+    return selecting.Choice(_given_box(arguments, truth, source, out), {})
+
+
+def _given_box(arguments: argparse.Namespace, truth: list[Box | None] | None, source: FrameSource, out: Path) -> Box:
     if arguments.box:
         return parse_box(arguments.box)
-    if selecting.is_wanted(arguments):
-        return selecting.resolve_click(arguments, source)
     if truth is not None:
         if truth[0] is None:
             raise InputError(f"--truth {arguments.truth}: the first row has no target; give the box with --box X,Y,W,H")

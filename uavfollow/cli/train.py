@@ -12,6 +12,7 @@ from uavfollow.errors import EXIT_DONE, EXIT_INTERRUPTED, InputError
 from uavfollow.tell import tell
 
 if TYPE_CHECKING:
+    from uavfollow.training.confidence import ConfidenceReport
     from uavfollow.training.run import RunOptions, RunResult
 
 NAME = "train"
@@ -159,7 +160,7 @@ def _add_confidence(verbs: Any) -> None:
     fit.add_argument("--seed", type=int, default=1, help="of the probes' places (default: 1)")
     fit.add_argument("--threads", type=int, help="threads of the network (default: as PyTorch chooses)")
     where = fit.add_mutually_exclusive_group()
-    where.add_argument("--out", metavar="CARD", type=Path, help="write the model's card with the fit as CARD")
+    where.add_argument("--out", metavar="CARD.json", type=Path, help="write the model's card with the fit there")
     where.add_argument("--write", action="store_true", help="write the fit into the model's own card")
     fit.add_argument("--json", action="store_true", help="the fit and its figures as JSON")
     fit.set_defaults(run=_confidence)
@@ -297,8 +298,6 @@ def _confidence(arguments: argparse.Namespace) -> int:
     check_range("--threads", arguments.threads, 1, 256)
     if not (arguments.sequences or arguments.recipe):
         raise InputError("give sequence folders, or --recipe RECIPE --data DIR for the sequences of its validation")
-    if arguments.out is not None and not arguments.out.parent.is_dir():
-        raise InputError(f"--out {arguments.out}: there is no folder {arguments.out.parent}; make it first")
     from tracker.training.recipe_file import load_recipe
     from uavfollow.training.errors import as_bad_input
 
@@ -306,22 +305,28 @@ def _confidence(arguments: argparse.Namespace) -> int:
         recipe = load_recipe(arguments.recipe) if arguments.recipe else None
         from tracker.training.recipe import Validation
         from tracker.training.validate import Tracks
-        from uavfollow.training.confidence import CollectOptions, confidence_of, write_confidence
+        from uavfollow.training.confidence import CollectOptions, card_place, confidence_of, write_confidence
         from uavfollow.training.material import footage_of_folders, open_validation
 
+        place = card_place(arguments.model, arguments.out) if arguments.out or arguments.write else None
         folders = footage_of_folders(arguments.sequences)
         judged, more = (open_validation(recipe, arguments.data), folders) if recipe else (folders, [])
         rules = recipe.validation if recipe else Validation()
         tracks = Tracks(arguments.starts or rules.starts, arguments.max_frames or rules.max_frames)
         options = CollectOptions(tracks, arguments.seed, arguments.threads)
         report = confidence_of(arguments.model, judged, more, options)
-        written = write_confidence(arguments.model, report, arguments.out) if arguments.out or arguments.write else None
-    print(json.dumps(report.as_json(), indent=1, allow_nan=False) if arguments.json else "\n".join(report.lines()))
+        try:
+            if place is not None:
+                tell(f"wrote {write_confidence(arguments.model, report, place)}")
+        finally:  # what was worked out is told even when it cannot be written
+            _show_confidence(report, arguments.json)
+    return EXIT_DONE
+
+
+def _show_confidence(report: ConfidenceReport, as_json: bool) -> None:
+    print(json.dumps(report.as_json(), indent=1, allow_nan=False) if as_json else "\n".join(report.lines()))
     for line in report.skipped:
         tell(f"not used: {line}")
-    if written is not None:
-        tell(f"wrote {written}")
-    return EXIT_DONE
 
 
 def _widen(arguments: argparse.Namespace) -> int:

@@ -13,28 +13,30 @@ import numpy as np
 
 from sitl.scenario import load_scenario
 from tracker.engines.cpu import describe_cpu
-from uavfollow.benchmark.store import placed, write_json
+from uavfollow.benchmark.store import placed, write_json, writing
 from uavfollow.errors import InputError
 from uavfollow.interrupts import orderly_end
 from uavfollow.progress import ProgressLine
 from uavfollow.sim.session import commit, versions
 from uavfollow.sim.suite_aims import AIMS, BY_NAME, GEOMETRY, PIXELS
-from uavfollow.sim.suite_job import Flown, SuiteJob
-from uavfollow.sim.suite_pool import run_jobs
+from uavfollow.sim.suite_job import Flown, SuiteJob, fly
 from uavfollow.sim.suite_table import Line, Outcome, as_json, as_markdown, line_of
 from uavfollow.training.lock import LOCK, held
 from uavfollow.video.writer import write_image
+from uavfollow.workers import run_beside
 
 KEY_SCHEMA = 1
 MARKER = "suite.json"
 RUNS = "runs"
 STRIPS = 2  # seeds of each scenario that get a strip of pictures
+STOP_S = 15.0  # a worker looks at each picture whether it is to stop; building a world takes a few seconds
+DIED = "the process that flew it died (killed, or out of memory), alone as well; close other programs"
 ROOT = Path(__file__).resolve().parents[2]
 # The code that a result depends on, and what of it does not matter.
 CODE = ("tracker", "control", "sitl", "uavfollow")
 NOT_OF_A_RESULT = (
     "tracker/benchmark/", "tracker/training/", "uavfollow/benchmark/", "uavfollow/cli/", "uavfollow/training/",
-    "uavfollow/record/", "uavfollow/video/", "uavfollow/sim/suite", "sitl/scenarios/",
+    "uavfollow/record/", "uavfollow/video/", "uavfollow/sim/suite", "uavfollow/workers.py", "sitl/scenarios/",
 )  # fmt: skip
 
 
@@ -74,18 +76,10 @@ class SuiteResult:
 def run_suite(options: SuiteOptions) -> SuiteResult:
     """Fly what is not there yet and write suite.json, suite.md and a strip of pictures for each scenario.
 
-    Raises InputError for names, models and folders that are no use, and KeyboardInterrupt; what is finished stays.
+    Raises InputError for names, models and folders that are no use, or a file that cannot be written, and
+    KeyboardInterrupt; what is finished stays.
     """
     jobs = list(_jobs(options))
-    try:
-        return _run(options, jobs)
-    except OSError as error:
-        raise InputError(
-            f"--out {options.out}: {error.strerror or error}; free some space or choose another"
-        ) from error
-
-
-def _run(options: SuiteOptions, jobs: Sequence[SuiteJob]) -> SuiteResult:
     with held(options.out):
         _check_ours(options.out)
         store = SuiteStore(options.out)
@@ -94,7 +88,8 @@ def _run(options: SuiteOptions, jobs: Sequence[SuiteJob]) -> SuiteResult:
         report = _Report(store, waiting, len(jobs) - len(waiting))
         try:
             with orderly_end():
-                run_jobs(waiting, options.jobs, report)
+                # Always in other processes: the end of a run makes its process deaf to signals.
+                run_beside(waiting, fly, options.jobs, report, stop_s=STOP_S, died=DIED)
         finally:
             report.close()
         outcomes = [found[job.name] or report.made[job.name] for job in jobs]
@@ -118,12 +113,14 @@ class SuiteStore:
             return None
 
     def write(self, job: SuiteJob, flown: Flown) -> Outcome:
-        """Keep a run. The numbers come last: without them there is no result."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        """Keep a run. The numbers come last: without them there is no result. Raises InputError."""
         path = self._path(job.name, ".json")
-        path.unlink(missing_ok=True)
+        with writing(path):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.unlink(missing_ok=True)
         if flown.strip_bgr_u8 is not None:
-            write_image(self.strip(job.name), flown.strip_bgr_u8)
+            with writing(self.strip(job.name)):
+                write_image(self.strip(job.name), flown.strip_bgr_u8)
         write_json(path, {"key": job.key, "wall_s": round(flown.wall_s, 3), "run": flown.run})
         return Outcome(job.scenario, job.seed, flown.run, flown.wall_s)
 
@@ -144,16 +141,16 @@ class _Report:
         self._last = ""
         self.made: dict[str, Outcome] = {}
 
-    def __call__(self, job: SuiteJob | None, what: Flown | str | None) -> None:
-        if job is not None and what is not None:
-            outcome = (
-                Outcome(job.scenario, job.seed, None, 0.0, what)
-                if isinstance(what, str)
-                else self._store.write(job, what)
-            )
-            self.made[job.name] = outcome
-            word = outcome.problem or ("reached" if outcome.reached else "not reached")
-            self._last = f"{job.scenario} seed {job.seed}: {word}"
+    def done(self, job: SuiteJob, result: Flown) -> None:
+        """Keep a run."""
+        self._made(job, self._store.write(job, result))
+
+    def failed(self, job: SuiteJob, message: str) -> None:
+        """A run that could not be made is tried again by the next command."""
+        self._made(job, Outcome(job.scenario, job.seed, None, 0.0, message))
+
+    def steps(self, count: int) -> None:
+        """Show the line when it is time to; pictures of many runs at once say nothing about its end."""
         spent_s = self._line.due_s()
         if spent_s is not None:
             done = len(self.made)
@@ -164,6 +161,11 @@ class _Report:
     def close(self) -> None:
         """Clear the line."""
         self._line.close()
+
+    def _made(self, job: SuiteJob, outcome: Outcome) -> None:
+        self.made[job.name] = outcome
+        word = outcome.problem or ("reached" if outcome.reached else "not reached")
+        self._last = f"{job.scenario} seed {job.seed}: {word}"
 
 
 def _jobs(options: SuiteOptions) -> Iterator[SuiteJob]:
@@ -237,7 +239,8 @@ def _montage(options: SuiteOptions, store: SuiteStore, name: str) -> None:
     places = [store.strip(f"{name}-{seed:03d}") for seed in options.seeds[:STRIPS]]
     rows = [row for row in (cv2.imread(str(place)) for place in places if place.exists()) if row is not None]
     if rows:
-        write_image(options.out / f"{name}.jpg", np.asarray(np.vstack(rows), dtype=np.uint8))
+        with writing(options.out / f"{name}.jpg"):
+            write_image(options.out / f"{name}.jpg", np.asarray(np.vstack(rows), dtype=np.uint8))
 
 
 def suite_names(given: Sequence[str]) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from tracker.messages import ImageU8
 from uavfollow.errors import InputError
 from uavfollow.sim.session import SimOptions, run_sim
 from uavfollow.video.overlay import draw_state
+from uavfollow.workers import JobError, Tick
 
 THUMB_PX = (320, 240)
 THUMB_EVERY_S = 0.25
@@ -48,16 +48,12 @@ class Flown:
     strip_bgr_u8: ImageU8 | None
 
 
-class SuiteError(RuntimeError):
-    """A run could not be made; one line. Carries over from a process to its parent."""
-
-
-def fly(job: SuiteJob, is_wanted: Callable[[], bool]) -> Flown | None:
-    """Fly it by one thread. None when it was interrupted because it is not wanted any more. Raises SuiteError."""
+def fly(job: SuiteJob, tick: Tick) -> Flown | None:
+    """Fly it by one thread. None when `tick`, asked at every picture, wanted an end. Raises JobError."""
     film = _Film(job) if job.strip and job.model is not None else None
 
     def step(made: Step, scene_s: float) -> None:
-        if not is_wanted():
+        if tick():
             raise KeyboardInterrupt  # the run ends in order
         if film is not None:
             film.take(made, scene_s)
@@ -69,9 +65,9 @@ def fly(job: SuiteJob, is_wanted: Callable[[], bool]) -> Flown | None:
     try:
         result = run_sim(load_scenario(job.scenario), options, step)
     except InputError as error:
-        raise SuiteError(str(error)) from None
-    except Exception as error:  # others may not carry over to the parent, and would take the whole pool with them
-        raise SuiteError(f"{type(error).__name__}: {error}") from None
+        raise JobError(str(error)) from None
+    except Exception as error:  # whatever breaks, the other runs go on
+        raise JobError(" ".join(f"{type(error).__name__}: {error}".split())) from None
     if result.log.interrupted:
         return None
     return Flown(result.as_json(), result.wall_s, film.strip() if film is not None else None)

@@ -9,14 +9,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from sitl.metrics import Verdict
-from uavfollow.sim.suite_aims import BY_NAME, SEEDS, Aim
+from uavfollow.sim.suite_aims import BY_NAME, MIN_RUNS, SEEDS, Aim
 
-SCHEMA = 1
+SCHEMA = 2
 Z_95 = 1.959964  # of a normal distribution: 95 % lie within so many sigma
-MEDIANS = (
-    "hidden_longest_s", "visible_again_s", "reacquire_s", "leave_locked_s", "lock_share", "honest_lock_share",
-    "false_confirmed_share", "iou_mean",
-)  # fmt: skip
+# Metrics of a run (sitl/metrics/) of which the median over the runs is shown.
+MEDIANS = {
+    "hidden_longest_s": "the longest time without any of the target visible",
+    "visible_again_s": "how long after that the target stays in sight, by half of it or more",
+    "reacquire_s": "from being in sight again to LOCKED on the target, 0 when it is so already; unlike "
+    "reacquire_median_s of `uavfollow sim`, which is of every hidden time in which the lock was given up",
+    "leave_locked_s": "from a true loss to the first sample that is not LOCKED",
+    "lock_share": "LOCKED on the target, of the time with it in sight",
+    "honest_lock_share": "LOCKED, of the time in which the box overlaps the target by more than 0.5",
+    "false_confirmed_share": "LOCKED with the target hidden or overlapped by less than 0.2, of all the time",
+    "iou_mean": "mean overlap with the target in sight",
+}
+TOO_FEW = "too few runs for a verdict"
 HEAD = ("scenario", "runs", "aim", "reached", "95 % interval", "mean", "floor", "verdict")
 
 
@@ -63,8 +72,10 @@ class Line:
         return self.reached / self.runs
 
     @property
-    def is_met(self) -> bool:
-        """Whether the aim of the issue is met, gating or not."""
+    def is_met(self) -> bool | None:
+        """Whether the aim is met, gating or not; None when there are too few runs to say so."""
+        if self.runs < MIN_RUNS:
+            return None
         if self.aim.mean is not None:
             return self.mean is not None and self.mean <= self.aim.mean
         return self.aim.share is not None and self.share >= self.aim.share
@@ -80,14 +91,20 @@ class Line:
 
     @property
     def verdict(self) -> str:
-        """In a word or two."""
+        """In a few words."""
         if self.is_short:
             return "BELOW FLOOR"
+        if self.is_met is None:
+            return TOO_FEW
         return "aim met" if self.is_met else "aim missed"
 
 
 def wilson(hits: int, count: int, z: float = Z_95) -> tuple[float, float]:
-    """Wilson's interval of a share: honest for few runs and for shares near 0 and 1. Raises ValueError for no runs."""
+    """Wilson's interval of a share: honest for few runs and for shares near 0 and 1. Raises ValueError for no runs.
+
+    Source: Wilson, Journal of the American Statistical Association 22 (1927), 209-212; method 3 of Newcombe,
+    Statistics in Medicine 17 (1998), 857-872.
+    """
     if not 0 <= hits <= count or count == 0:
         raise ValueError(f"wilson: {hits} of {count}")
     share, square = hits / count, z * z / count
@@ -120,11 +137,18 @@ def as_markdown(lines: Sequence[Line], about: str) -> list[str]:
     """Two tables: what was reached, and the medians."""
     rows = [HEAD, *(_row(line) for line in lines)]
     medians = [("scenario", *MEDIANS), *((w.aim.scenario, *(_shown(w.medians[m]) for m in MEDIANS)) for w in lines)]
-    notes = []
-    if any(line.floor is not None and not line.judged for line in lines):
-        notes = ["", f"Floors are for seeds {SEEDS[0]}-{SEEDS[-1]} and are not judged here."]
+    notes = [line for note in _notes(lines) for line in ("", note)]
     return [about, "", *_table(rows), *notes, "", "Medians over the runs in which the number is defined:", "",
             *_table(medians)]  # fmt: skip
+
+
+def _notes(lines: Sequence[Line]) -> list[str]:
+    told = ["The interval is Wilson's for the share that reached the aim. A verdict goes by the share or mean itself."]
+    if any(line.is_met is None for line in lines):
+        told.append(f"A verdict takes at least {MIN_RUNS} runs: --seeds {SEEDS[0]}-{SEEDS[-1]}.")
+    if any(line.floor is not None and not line.judged for line in lines):
+        told.append(f"Floors are for seeds {SEEDS[0]}-{SEEDS[-1]} and are not judged here.")
+    return told
 
 
 def as_json(lines: Sequence[Line], outcomes: Sequence[Outcome], about: dict[str, Any]) -> dict[str, Any]:
@@ -132,6 +156,7 @@ def as_json(lines: Sequence[Line], outcomes: Sequence[Outcome], about: dict[str,
     return {
         "schema": SCHEMA,
         **about,
+        "columns": MEDIANS,
         "passed": not any(line.is_short for line in lines) and not any(o.problem for o in outcomes),
         "scenarios": [_line_json(line) for line in lines],
         "runs": [
@@ -152,7 +177,9 @@ def _line_json(line: Line) -> dict[str, Any]:
     return {
         "scenario": line.aim.scenario,
         "metric": line.aim.metric,
+        "measures": line.aim.measures,
         "aim": line.aim.says,
+        "verdict": line.verdict,
         "aim_met": line.is_met,
         "runs": line.runs,
         "reached": line.reached,
