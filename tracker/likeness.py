@@ -41,8 +41,14 @@ class Likeness:
         self._t_s = t_s
 
     def is_alike(self, candidate: Candidate) -> bool:
-        """Whether it looks like this very target: what is found again must."""
-        return self.has_colours(candidate) and _reaches(candidate, self._alike())
+        """Whether it looks like this very target: what is taken at another place, or remembered, must."""
+        return self.has_colours(candidate) and _reaches(candidate, self._usual(self._config.alike_share))
+
+    def is_found(self, candidate: Candidate) -> bool:
+        """Whether it looks so much like this very target that it may end a search: of all that is in a picture, the
+        most alike is easily something else.
+        """
+        return self.has_colours(candidate) and _reaches(candidate, self._usual(self._config.found_share))
 
     def may_resume(self, candidate: Candidate) -> bool:
         """Whether it looks as the target did lately, before it was out of sight for a moment.
@@ -50,7 +56,7 @@ class Likeness:
         More is asked than of a lock that goes on: what covers a target is first seen when the target is not.
         """
         present = math.inf if self._present is None else self._config.present_share * self._present
-        return _reaches(candidate, min(self._alike(), present))
+        return _reaches(candidate, min(self._usual(self._config.alike_share), present))
 
     def is_sustained(self, candidate: Candidate) -> bool:
         """Whether a lock may go on: what covers a target can have good scores, but hardly its look."""
@@ -63,9 +69,9 @@ class Likeness:
         """Whether the memory may take it: it was compared with the exemplar or what is kept, and is alike."""
         return was_compared(candidate) and self.is_alike(candidate)
 
-    def _alike(self) -> float:
+    def _usual(self, share: float) -> float:
         usual = self._reference.exemplar
-        return self._config.alike_share * (UNKNOWN_LIKENESS if usual is None else max(usual, MIN_LIKENESS))
+        return share * (UNKNOWN_LIKENESS if usual is None else max(usual, MIN_LIKENESS))
 
     def has_colours(self, candidate: Candidate) -> bool:
         """Whether its colours are those of the target, where they are known."""

@@ -61,9 +61,9 @@ class MemoryGatesConfig:
     alike in the last `rival_s`.
     """
 
-    recent_s: float = 0.3
+    recent_s: float = 0.5
     anchor_s: float = 1.0
-    young_s: float = 1.0
+    young_s: float = 2.0
     settle_s: float = 0.5
     break_s: float = 0.5
     recent_confidence: float = 0.8

@@ -56,8 +56,9 @@ class SearchPlanConfig:
 
     The region's scale doubles every `double_s` seconds unseen, up to `region_scale`. After `region_s` unseen, or when
     the region cannot hold the 2-sigma ellipse, the picture is swept by tiles of the smallest scale from 1 to
-    `tile_scale` that lets a sweep end within `sweep_s`; where none does, of `tile_scale`, and it takes longer.
-    While the picture is swept the prediction's own window is searched every `own_s` seconds. `search_sides` is the side of the search crop in sides of the exemplar.
+    `tile_scale` that lets a sweep end within `sweep_s`; where none does, of `tile_scale`, and it takes longer. While
+    the picture is swept the prediction's own window is searched every `own_s` seconds. `search_sides` is the side of
+    the search crop in sides of the exemplar.
     """
 
     double_s: float = 2.0
@@ -209,7 +210,7 @@ class SearchPlan:
     def _frame(
         self, centre: tuple[float, float], side_px: float, image_size_px: tuple[float, float], calls: int
     ) -> PlannedSearch:
-        own = self._own_is_due()
+        own = self._own_is_due(calls)
         room = calls - 1 if own else calls
         sweep = self._sweep
         if sweep is None or not sweep.holds(side_px, image_size_px):
@@ -222,12 +223,14 @@ class SearchPlan:
             return PlannedSearch(centre, 1.0, tiles, stage)
         return PlannedSearch(tiles[0].center_px, scale, tiles[1:], stage)
 
-    def _own_is_due(self) -> bool:
-        """Whether a sweep is interrupted for the prediction's own window."""
+    def _own_is_due(self, calls: int) -> bool:
+        """Whether a sweep is interrupted for the prediction's own window; one call is never all for it."""
         due = self._t_s is None or self._t_s - self._own_s + TIME_EPS_S >= self._config.own_s
-        if due:
+        own = due and (calls > 1 or self._own_turn)
+        if own:
             self._own_s = -math.inf if self._t_s is None else self._t_s
-        return due
+        self._own_turn = not own
+        return own
 
     def _take_turn(self, calls: int) -> bool:
         """Whether this step searches the prediction's own window: always, but only every other time with one call."""

@@ -13,11 +13,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from tracker.admission import Admission, Moment
 from tracker.agreement import TIME_EPS_S, AgreeingRun
 from tracker.association import Judged, associate, judge_all
 from tracker.box import Box
-from tracker.collapse import COLLAPSE_LN_SIZE, SizeMemory, is_partial
-from tracker.confidence.features import Doubt
+from tracker.collapse import SizeMemory
 from tracker.confidence.model import UNFITTED, ConfidenceModel
 from tracker.confidence.reference import Reference
 from tracker.filter import BoxFilter, FilterConfig, UpdateReason, usable_box
@@ -43,19 +43,8 @@ __all__ = ["TargetConfig", "TargetTracker"]
 
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
-SIZE_LN, SIZE_LN_S = 0.5, 0.2  # what is found again differs by a factor of 1.65 at most, by 22 % more each second
-COVERED_S = 0.5  # a car at walking pace goes behind an edge in about a second, from the collapse on in half of one
-WIDE = 1.05  # a window of a larger scale than this shows the target so small that its look is uncertain
 MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
-
-REASON_OF = {
-    Doubt.LOW_PEAK: TargetReason.LOW_PEAK,
-    Doubt.AMBIGUOUS: TargetReason.AMBIGUOUS,
-    Doubt.UNLIKE_EXEMPLAR: TargetReason.UNLIKE_EXEMPLAR,
-    Doubt.SHAPE_COLLAPSE: TargetReason.SHAPE_COLLAPSE,
-    Doubt.INNOVATION_GATE: TargetReason.INNOVATION_GATE,
-}
 
 
 class TargetTracker:
@@ -78,6 +67,7 @@ class TargetTracker:
         self._look_of = Likeness(self._config, self._reference)
         self._run = AgreeingRun()
         self._sizes = SizeMemory()
+        self._admission = Admission(self._config, self._model, self._reference, self._look_of, self._sizes)
         self._rivals = RivalTracks(filter_config=filter_config)
         self._plan = SearchPlan()
         self._watch = Watch()
@@ -192,7 +182,6 @@ class TargetTracker:
             return False
         for part in (self._run, self._sizes, self._rivals, self._plan, self._watch):
             part.shift(dx_px, dy_px)
-        self._ego_known = True
         if self._outlier is not None:
             self._outlier = _moved(self._outlier, dx_px, dy_px)
         if self._planned is not None:
@@ -202,12 +191,11 @@ class TargetTracker:
     def _forget(self) -> None:
         """Nothing of an earlier target."""
         self._confidence, self._used_s = 0.0, 0.0
-        self._moves = self._covered = False
+        self._moves = self._admission.covered = False
         self._forget_step()
         self._planned = None
         self._active: tuple[TargetAlarm, ...] = ()
         self._sizes.places_hold = False
-        self._ego_known = False  # whether the camera's motion is told, so that velocities are the target's own
         self._reference.clear()
         self._look_of.clear()
         self._run.clear()
@@ -238,28 +226,23 @@ class TargetTracker:
         elif best is None:
             reason = self._miss(TargetReason.AMBIGUOUS, t_s)
         elif self._machine.status is SEARCHING:
-            reason = self._reacquire(mine, t_s)
+            reason = self._reacquire(mine, best, t_s)
         else:
             reason = self._take(best, t_s)
         sure = self._machine.status is LOCKED and self._confidence >= self._config.status.drop_confidence
         self._rivals.step(judged, self._chosen, sure)
         return self._observe(candidates, reason, t_s)
 
-    def _reacquire(self, judged: Sequence[Judged], t_s: float) -> TargetReason:
-        """Found again is what looks like this target in the same place for `reacquire_s`."""
-        sure = [j for j in judged if j.appearance >= self._config.status.lock_confidence]
-        self._outlier = next((j.candidate.box for j in judged if self._is_worth_a_look(j)), None)
-        if not sure:
-            return self._miss(self._doubt(max(judged, key=lambda j: j.appearance)), t_s)
-        alike = [j for j in sure if self._look_of.is_alike(j.candidate)]
-        if not alike:
-            return self._miss(TargetReason.UNLIKE_EXEMPLAR, t_s)
-        sure = alike
-        bound = SIZE_LN + SIZE_LN_S * (t_s - self._machine.seen_s)
-        sure = [j for j in sure if abs(j.motion.ln_size) <= bound]
-        if not sure:
-            return self._miss(TargetReason.SHAPE_COLLAPSE, t_s)
-        best = max(sure, key=lambda j: j.total(self._config.association.motion_weight))
+    def _reacquire(self, judged: Sequence[Judged], best: Judged, t_s: float) -> TargetReason:
+        """Found again is what looks like this target in the same place for `reacquire_s`; `best` fits it best."""
+        now = self._moment(t_s)
+        self._outlier = next((j.candidate.box for j in judged if self._admission.is_worth_a_look(j)), None)
+        found, reason = self._admission.found(judged, now.unseen_s)
+        if reason is not TargetReason.SHAPE_COLLAPSE and self._admission.may_move(best, now):
+            self._filter.update(best.candidate.box, best.probability)
+        if not found:
+            return self._miss(reason, t_s)
+        best = max(found, key=lambda j: j.total(self._config.association.motion_weight))
         self._run.add(best.candidate.box, t_s)
         self._outlier = best.candidate.box
         if not self._run.lasted(self._config.status.reacquire_s) or not was_compared(best.candidate):
@@ -269,20 +252,16 @@ class TargetTracker:
         self._lock(best, best.appearance, Event.CONFIRMED, t_s)
         return TargetReason.REACQUIRED
 
-    def _is_worth_a_look(self, judged: Judged) -> bool:
-        """Whether something in a wide window, where all is small and uncertain, is looked at in a narrow one."""
-        evidence = judged.candidate.evidence
-        return evidence is not None and evidence.search_scale > WIDE and judged.appearance >= self._config.use_confidence
-
     def _take(self, best: Judged, t_s: float) -> TargetReason:
         """Let the chosen candidate into the estimate, if it is good enough for the status."""
-        reason = self._refused(best, t_s)
+        now = self._moment(t_s)
+        reason = self._admission.refuses(best, now)
         if reason is not None:
-            if self._is_faint(best, t_s):
+            if self._admission.may_move(best, now):
                 self._filter.update(best.candidate.box, best.probability)
             return self._miss(reason, t_s)
-        long = t_s - self._machine.seen_s > self._config.status.trust_s + TIME_EPS_S
-        if self._machine.status is COASTING and long and not self._is_settled(best, t_s):
+        long = now.unseen_s > self._config.status.trust_s + TIME_EPS_S
+        if now.status is COASTING and long and not self._is_settled(best, t_s):
             return TargetReason.CONFIRMING
         update = self._filter.update(best.candidate.box, best.probability if best.inside else best.appearance)
         if not update.accepted:
@@ -291,42 +270,8 @@ class TargetTracker:
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
 
-    def _is_faint(self, best: Judged, t_s: float) -> bool:
-        """Whether a coast may be moved by what is too faint to end it: it must look like the target by all means."""
-        if self._machine.status is not COASTING or not best.inside or not was_compared(best.candidate):
-            return False
-        if self._sizes.collapses(best.candidate.box, t_s) or self._is_partial(best, t_s):
-            return False
-        return self._look_of.may_resume(best.candidate) and self._look_of.has_colours(best.candidate)
-
-    def _refused(self, best: Judged, t_s: float) -> TargetReason | None:
-        """Why the chosen candidate must not enter the estimate; None: it may."""
-        c, coasting = self._config, self._machine.status is COASTING
-        if not best.inside and best.appearance < c.status.lock_confidence:
-            return TargetReason.INNOVATION_GATE
-        if best.inside and best.probability < (c.status.lock_confidence if coasting else c.use_confidence):
-            return self._doubt(best)
-        if self._sizes.collapses(best.candidate.box, t_s, exemplar_of(best.candidate)) or self._is_partial(best, t_s):
-            return TargetReason.SHAPE_COLLAPSE
-        long = coasting and t_s - self._machine.seen_s > c.status.trust_s + TIME_EPS_S
-        if not best.inside:
-            alike = self._look_of.is_alike(best.candidate)
-        elif coasting:
-            alike = self._look_of.may_resume(best.candidate) and (not long or self._look_of.has_colours(best.candidate))
-        else:
-            alike = self._look_of.is_sustained(best.candidate)
-        return None if alike else TargetReason.UNLIKE_EXEMPLAR
-
-    def _is_partial(self, best: Judged, t_s: float) -> bool:
-        """Whether a target that was being covered is still seen in part only: much smaller than it was before.
-
-        What is seen so for longer than `COVERED_S` has turned, or moved away.
-        """
-        if self._machine.status is not COASTING or not self._covered or t_s - self._machine.seen_s > COVERED_S:
-            return False
-        evidence = best.candidate.evidence
-        seen_ln_size = evidence.ln_scale if evidence is not None else 0.0
-        return is_partial(best.candidate.box, self._filter.box) or seen_ln_size < -COLLAPSE_LN_SIZE
+    def _moment(self, t_s: float) -> Moment:
+        return Moment(t_s, self._machine.status, t_s - self._machine.seen_s, self._filter.box)
 
     def _is_settled(self, best: Judged, t_s: float) -> bool:
         """Whether what is seen may end a long coast: what comes out from behind something need not be what went in."""
@@ -347,14 +292,14 @@ class TargetTracker:
         self._use(best, probability, t_s)
         if self._machine.weak(t_s) is LOCKED:
             return TargetReason.SEEN
-        return self._leave(self._doubt(best)) if was is LOCKED else self._doubt(best)
+        return self._leave(self._admission.doubt(best)) if was is LOCKED else self._admission.doubt(best)
 
     def _confirm(self, best: Judged, probability: float, t_s: float) -> TargetReason:
         self._use(best, probability, t_s)
         self._machine.happen(Event.SEEN, t_s)
         if probability < self._config.status.lock_confidence:
             self._run.clear()
-            return self._doubt(best)
+            return self._admission.doubt(best)
         self._run.add(best.candidate.box, t_s)
         if not self._run.lasted(self._config.status.confirm_s):
             return TargetReason.CONFIRMING
@@ -386,7 +331,7 @@ class TargetTracker:
         before = self._sizes.before_collapse()
         self._moves = self._sizes.is_moving(before.t_s if before is not None else math.inf)
         self._sizes.clear()
-        self._covered = before is not None or reason is TargetReason.SHAPE_COLLAPSE
+        self._admission.covered = before is not None or reason is TargetReason.SHAPE_COLLAPSE
         if before is not None:
             reason = TargetReason.SHAPE_COLLAPSE
             if self._sizes.places_hold:
@@ -396,13 +341,6 @@ class TargetTracker:
         if not self._moves:
             self._filter.halt()
         return reason
-
-    def _doubt(self, best: Judged) -> TargetReason:
-        """What speaks most against a candidate."""
-        if not self._model.fitted or best.candidate.evidence is None:
-            return TargetReason.LOW_SCORE
-        doubts = self._model.reasons(best.candidate, best.motion, self._reference)
-        return REASON_OF[doubts[0]] if doubts else TargetReason.LOW_CONFIDENCE
 
     def _observe(self, candidates: Sequence[Candidate], reason: TargetReason, t_s: float) -> TargetReason:
         """Alarms, and what should be remembered of this picture. A false lock ends the lock."""
@@ -415,7 +353,7 @@ class TargetTracker:
             chosen=self._chosen,
             estimate=self._filter,
             image_size_px=self._image_size_px,
-            ego_known=self._ego_known,
+            ego_known=self._sizes.places_hold,
             alike=self._chosen is None or self._look_of.may_be_kept(self._chosen.candidate),
         )
         self._active, self._memory = self._watch.step(seen)

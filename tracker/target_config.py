@@ -24,6 +24,7 @@ class TargetConfig:
     association: AssociationConfig = field(default_factory=AssociationConfig)
     use_confidence: float = 0.25
     alike_share: float = 0.7
+    found_share: float = 0.8
     # On the validation sequences 3 % of the boxes on the target were below it, 67 % of those off it.
     sustain_share: float = 0.5
     present_share: float = 0.8
@@ -41,6 +42,7 @@ class TargetConfig:
         for name, low, high in (
             ("use_confidence", 0.0, self.status.drop_confidence),
             ("alike_share", 0.0, 1.0),
+            ("found_share", self.alike_share, 1.0),
             ("sustain_share", 0.0, self.alike_share),
             ("present_share", 0.0, 1.0),
             ("colour_share", 0.0, 1.0),

@@ -9,6 +9,7 @@ from functools import cache
 import pytest
 
 from tests.tracker.scripted import RATES
+from tracker.admission import COVERED_S
 from tracker.box import Box
 from tracker.collapse import (
     COLLAPSE_LN_SIZE,
@@ -22,7 +23,7 @@ from tracker.collapse import (
 )
 from tracker.filter import BoxFilter, FilterState
 from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
-from tracker.target import COVERED_S, TargetTracker
+from tracker.target import TargetTracker
 
 IMAGE = (640.0, 480.0)
 FPS = 30.0

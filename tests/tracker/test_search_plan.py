@@ -57,14 +57,20 @@ def run(
     return [plan.step(box, COV, image, unseen_s, n, k / fps) for k in range(2, steps + 2)]
 
 
-def elsewhere(plans: list[PlannedSearch], centre: tuple[float, float], n: int) -> list[SearchTile]:
-    """The windows of a sweep, without the prediction's own."""
+def elsewhere(plans: list[PlannedSearch], centre: tuple[float, float], n: int, fps: float = 32.0) -> list[SearchTile]:
+    """The windows of a sweep, without the prediction's own, which comes every `own_s`."""
     found: list[SearchTile] = []
+    every = max(math.ceil(CONFIG.own_s * fps - 1e-6), 1 if n > 1 else 2)
     for i, plan in enumerate(plans):
-        own = n > 1 or i % 2 == 0
+        own = i % every == 0
         assert not own or (plan.center_px == centre and plan.scale == 1.0)
         found += windows(plan)[1:] if own else windows(plan)
     return found
+
+
+def per_second(n: int, fps: float) -> float:
+    """Windows of a sweep that are searched in a second, on the average."""
+    return max(n - min(1.0 / (fps * CONFIG.own_s), 1.0), 0.5) * fps
 
 
 def covers(tiles: Sequence[SearchTile], side: float, image: tuple[float, float]) -> bool:
@@ -168,7 +174,7 @@ def test_the_frame_is_swept_from_its_time_on_nearest_first(n: int) -> None:
     plan.reset()
     plans = [plan.step(BOX, COV, IMAGE, CONFIG.region_s, n, k / 30) for k in range(12)]
     assert {p.stage for p in plans} == {SWEEP}
-    tiles = elsewhere(plans, (200.0, 150.0), n)
+    tiles = elsewhere(plans, (200.0, 150.0), n, fps=30.0)
     away = [math.hypot(t.center_px[0] - 200.0, t.center_px[1] - 150.0) for t in tiles]
     assert all(a <= b + 1e-9 for a, b in pairwise(away[: len(set(tiles))]))
 
@@ -178,14 +184,21 @@ def test_the_frame_is_swept_from_its_time_on_nearest_first(n: int) -> None:
 @pytest.mark.parametrize("size", [20.0, 40.0, 90.0])
 def test_a_sweep_takes_no_longer_than_planned_where_tiles_may_grow(fps: float, n: int, size: float) -> None:
     box = Box(200.0, 150.0, size, size)
-    tiles = elsewhere(run(400, box, n=n, fps=fps), (200.0, 150.0), n)
-    seconds = len(set(tiles)) / (max(n - 1, 0.5) * fps)
+    tiles = elsewhere(run(400, box, n=n, fps=fps), (200.0, 150.0), n, fps)
+    seconds = len(set(tiles)) / per_second(n, fps)
     assert seconds <= CONFIG.sweep_s or tiles[0].scale == pytest.approx(CONFIG.tile_scale)
     if tiles[0].scale > 1.0:  # and they are no larger than they must be
         smaller = tiles[0].scale / 2.0 ** (1.0 / 8.0)
         step_px = CORE_SIDES * side_px(box) * smaller
         count = math.ceil(IMAGE[0] / step_px) * math.ceil(IMAGE[1] / step_px)
-        assert count / (max(n - 1, 0.5) * fps) > CONFIG.sweep_s
+        assert count / per_second(n, fps) > CONFIG.sweep_s
+
+
+def test_with_one_call_and_slow_pictures_the_sweep_goes_on_all_the_same() -> None:
+    plans = run(40, Box(200.0, 150.0, 60.0, 60.0), n=1, fps=2.0)
+    tiles = elsewhere(plans, (200.0, 150.0), 1, fps=2.0)
+    assert len(tiles) == 20
+    assert len(set(tiles)) > 5
 
 
 def test_a_picture_that_fits_into_the_calls_of_a_step_says_so() -> None:
@@ -206,12 +219,13 @@ def test_pending_tiles_move_with_the_picture() -> None:
 
 
 def test_tiles_that_left_the_picture_are_dropped_and_others_stay_in_it() -> None:
-    plan = SearchPlan()
+    always = SearchPlanConfig(own_s=0.0)
+    plan = SearchPlan(always)
     plan.step(BOX, COV, IMAGE, 5.0, 2, 0.0)
     first = plan.step(BOX, COV, IMAGE, 5.0, 2, 0.0).tiles
     plan.shift(0.0, 5000.0)
     second = plan.step(BOX, COV, IMAGE, 5.0, 2, 0.0).tiles
-    assert first != second == SearchPlan().step(BOX, COV, IMAGE, 5.0, 2, 0.0).tiles  # nothing was left: begun anew
+    assert first != second == SearchPlan(always).step(BOX, COV, IMAGE, 5.0, 2, 0.0).tiles  # nothing was left: anew
     plan.shift(0.0, 150.0)
     for k in range(40):
         for tile in windows(plan.step(BOX, COV, IMAGE, 5.0, 2, 0.2 + k / 30)):
@@ -233,7 +247,7 @@ def test_a_tile_that_still_reaches_into_the_picture_is_searched_at_its_edge(corn
 
 
 def test_a_sweep_goes_on_while_the_size_drifts_and_is_planned_anew_after_a_jump() -> None:
-    plan, grown = SearchPlan(), SearchPlan()
+    plan, grown = (SearchPlan(SearchPlanConfig(own_s=0.0)) for _ in range(2))
     first = [p.step(BOX, COV, IMAGE, 5.0, 2, 0.0).tiles[0] for p in (plan, grown)]
     assert first[0] == first[1]
     next_px = plan.step(BOX, COV, IMAGE, 5.0, 2, 0.1).tiles[0].center_px
@@ -243,13 +257,15 @@ def test_a_sweep_goes_on_while_the_size_drifts_and_is_planned_anew_after_a_jump(
     assert tile.scale * side_px(drifted) == pytest.approx(first[0].scale * side_px(BOX))
     small = Box(BOX.cx_px, BOX.cy_px, 12.0, 16.0)
     assert grown.step(small, COV, IMAGE, 5.0, 2, 0.2).tiles[0].scale < 3.0
-    other = plan.step(BOX, COV, (1280.0, 720.0), 5.0, 2, 0.2).tiles[0]
-    assert other == SearchPlan().step(BOX, COV, (1280.0, 720.0), 5.0, 2, 0.2).tiles[0] or other.scale != first[0].scale
+    other, new = (
+        p.step(BOX, COV, (1280.0, 720.0), 5.0, 2, 0.2).tiles[0] for p in (plan, SearchPlan(SearchPlanConfig(own_s=0.0)))
+    )
+    assert other == new or other.scale != first[0].scale
 
 
 def test_the_smallest_target_in_a_large_picture_has_a_bounded_sweep() -> None:
     plans = run(MAX_TILES + 1, Box(900.0, 500.0, 4.0, 4.0), (3840.0, 2160.0))
-    tiles = [p.tiles[0] for p in plans]
+    tiles = elsewhere(plans, (900.0, 500.0), 2)
     assert len(set(tiles)) == MAX_TILES
     assert tiles[MAX_TILES] == tiles[0]
 

@@ -23,6 +23,7 @@ from tests.tracker.scripted import (
     step_all,
     until,
 )
+from tracker.admission import SIZE_LN, SIZE_LN_S
 from tracker.box import Box
 from tracker.messages import (
     Candidate,
@@ -35,7 +36,7 @@ from tracker.messages import (
 from tracker.search_plan import CORE_SIDES
 from tracker.siamapnpp.crop import EXEMPLAR_PX, exemplar_side_px
 from tracker.status import StatusConfig
-from tracker.target import MAX_NUDGE_S, SIZE_LN, SIZE_LN_S, TargetConfig, TargetTracker
+from tracker.target import MAX_NUDGE_S, TargetConfig, TargetTracker
 
 LOCKED, SEARCHING = TargetStatus.LOCKED, TargetStatus.SEARCHING
 C = TargetConfig()
@@ -68,7 +69,9 @@ def test_a_search_grows_around_the_prediction_then_tiles_the_picture_within_its_
     widest = [max(half for _, _, half in windows(h)) for h in near]
     if max_calls > 1:
         assert widest == sorted(widest)
-        assert all(w[0] == windows(near[0])[0] for w in map(windows, hints)), "the prediction is always looked at"
+        own = [windows(h)[0] == windows(near[0])[0] for h in hints]
+        assert all(own[: len(near)])
+        assert all(any(own[i : i + 11]) for i in range(len(own) - 11)), "the prediction is looked at every 0.3 s"
     assert max(widest) > 1.3 * min(widest)
     assert all(h.center_px == pytest.approx((BOX.cx_px, BOX.cy_px)) for h in near)
     seen_at = np.zeros((36, 64), bool)

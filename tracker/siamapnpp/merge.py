@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from tracker.messages import Candidate
 from tracker.siamapnpp.evidence import MAX_SECOND
 
-
 NARROW_SHARE = 0.6  # of the rank: what a narrow window shows as well is seen better there than in a wide one
 
 

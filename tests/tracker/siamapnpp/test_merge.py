@@ -23,11 +23,19 @@ def test_one_window_keeps_its_own_order() -> None:
 
 
 def test_the_best_of_all_windows_comes_first_and_each_place_once() -> None:
-    merged = merge([[_found(100, 0.5), _found(300, 0.2)], [_found(500, 0.8), _found(110, 0.6, scale=2.0)], []], 5)
+    merged = merge([[_found(100, 0.3), _found(300, 0.2)], [_found(500, 0.8), _found(110, 0.6, scale=2.0)], []], 5)
     assert [c.box.cx_px for c in merged] == [500, 110, 300]
     assert merged[1].evidence is not None
     assert merged[1].evidence.search_scale == 2.0
     assert len(merge([[_found(100, 0.5), _found(300, 0.2)], [_found(500, 0.8)]], 2)) == 2
+
+
+def test_what_a_narrow_window_shows_nearly_as_well_is_taken_from_there() -> None:
+    for narrow in (0.37, 0.59, 0.7):
+        for order in (1, -1):
+            windows = [[_found(110, 0.6, scale=2.0)], [_found(100, narrow)]][::order]
+            assert [c.box.cx_px for c in merge(windows, 5)] == [100]
+    assert [c.box.cx_px for c in merge([[_found(110, 0.6, scale=2.0)], [_found(100, 0.35)]], 5)] == [110]
 
 
 def test_a_coarse_window_cannot_tell_apart_what_a_fine_one_can() -> None:
