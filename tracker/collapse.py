@@ -26,7 +26,7 @@ SUDDEN_LN_SIDE = 0.4
 # A box that first grows faster than this was wrong then, and what it loses again is no collapse.
 GROWTH_LN_S = 0.25
 # What is being covered looks less and less like itself; what turns or was measured too large hardly does.
-INTACT_LOSS = 0.1
+INTACT_SHARE = 0.8
 # Seen again, but so much smaller than before it was covered: still covered in part.
 PARTIAL_LN_SIDE, PARTIAL_LN_SIZE = 0.3, 0.2
 # Slower than this a coast of 1.5 s moves a quarter of the target; seen over less than MOVING_S it may be shake.
@@ -82,7 +82,7 @@ class SizeMemory:
         if not recent or not box.is_valid:
             return False
         looks = [known for i in recent if (known := self._looks[i]) is not None]
-        if look is not None and looks and max(looks) - look < INTACT_LOSS:
+        if look is not None and looks and look > INTACT_SHARE * max(looks):
             return False
         lost_w = max(self._sides[i][0] for i in recent) - math.log(box.w_px)
         lost_h = max(self._sides[i][1] for i in recent) - math.log(box.h_px)
