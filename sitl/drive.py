@@ -62,8 +62,8 @@ class Application(Protocol):
     def select(self, seen: Seen, box: Box, now_s: float) -> Decision:
         """The operator marked `box` in this picture. Raises ValueError when it cannot be selected."""
 
-    def searches_at_px(self, t_capture_s: float) -> tuple[float, float] | None:
-        """Where the target is searched for in the picture of that time; None when nothing is selected."""
+    def searched_px(self, t_capture_s: float) -> tuple[tuple[float, float], ...]:
+        """Centres of the windows searched in the picture of that time; empty when nothing is selected."""
 
     def searches(self, t_capture_s: float) -> int:
         """How many network calls the picture of that time will take: each takes its time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -15,15 +15,17 @@ from sitl.render.renderer import Renderer
 from sitl.scene import CameraModel, ObjectTruth
 
 Truths = Mapping[str, ObjectTruth]
+Places = Sequence[tuple[float, float]]
 
 
 class Eyes(Protocol):
     """Turns an exposure into what is seen, and the truth of the same instant."""
 
-    def look(self, exposure: Exposure, now_s: float, search_px: tuple[float, float] | None) -> tuple[Seen, Truths]:
+    def look(self, exposure: Exposure, now_s: float, searched_px: Places) -> tuple[Seen, Truths]:
         """The picture (or candidates) of `exposure`, received at `now_s`.
 
-        `search_px`: where the application searches (candidates are found only near it); None: before a selection.
+        `searched_px`: centres of the windows that the application searches (candidates are found only in them); empty
+        before a selection.
         """
 
     def black(self, exposure: Exposure, now_s: float) -> tuple[Seen, Truths]:
@@ -37,14 +39,14 @@ class PixelEyes:
         self._renderer = renderer
         self._black = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
 
-    def look(self, exposure: Exposure, now_s: float, search_px: tuple[float, float] | None) -> tuple[Seen, Truths]:
+    def look(self, exposure: Exposure, now_s: float, searched_px: Places) -> tuple[Seen, Truths]:
         """A rendered picture; the application crops it by itself."""
         picture = self._renderer.render(exposure.scene_s, exposure.pose, exposure.seq)
         return Seen(exposure.seq, exposure.t_s, now_s, image_bgr_u8=picture.image_bgr_u8), picture.truths
 
     def black(self, exposure: Exposure, now_s: float) -> tuple[Seen, Truths]:
         """A black picture."""
-        _, truths = self.look(exposure, now_s, None)
+        _, truths = self.look(exposure, now_s, ())
         return Seen(exposure.seq, exposure.t_s, now_s, image_bgr_u8=self._black.copy()), truths
 
 
@@ -57,10 +59,10 @@ class GeometryEyes:
         self._target = target
         self._size_px = (float(model.width_px), float(model.height_px))
 
-    def look(self, exposure: Exposure, now_s: float, search_px: tuple[float, float] | None) -> tuple[Seen, Truths]:
+    def look(self, exposure: Exposure, now_s: float, searched_px: Places) -> tuple[Seen, Truths]:
         """Measured boxes."""
         truths = self._camera.observe(exposure.scene_s, exposure.pose)
-        found = self._errors.candidates(truths, self._target, exposure.t_s, self._size_px, search_px)
+        found = self._errors.candidates(truths, self._target, exposure.t_s, self._size_px, searched_px)
         return Seen(exposure.seq, exposure.t_s, now_s, candidates=found), truths
 
     def black(self, exposure: Exposure, now_s: float) -> tuple[Seen, Truths]:

@@ -8,7 +8,7 @@ that falls with visibility, pictures without a find, clutter, and a look-alike t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -107,13 +107,14 @@ class MeasurementModel:
         target: str,
         t_s: float,
         image_size_px: tuple[float, float],
-        search_px: tuple[float, float] | None = None,
+        searched_px: Sequence[tuple[float, float]] = (),
     ) -> tuple[MeasuredBox, ...]:
         """What is found in the picture of `t_s` (s), best first; at most the target, one more thing and clutter.
 
-        `search_px`: where the tracker looks (centre of its search region); None: where the target is. Nothing is found
-        beyond `search_half_sizes` of it, or with its centre outside of the picture. Raises KeyError for a target that
-        is not in `truths`, ValueError for a time that is not finite.
+        `searched_px`: centres of the windows that the tracker searches; empty: where the target is. Nothing is found
+        beyond `search_half_sizes` of them, or with its centre outside of the picture; a wide window reaches no further
+        than a narrow one. Raises KeyError for a target that is not in `truths`, ValueError for a time that is not
+        finite.
         """
         if not math.isfinite(t_s):
             raise ValueError(f"t_s = {t_s}: must be finite")
@@ -124,7 +125,7 @@ class MeasurementModel:
         if truth.amodal is None or not truth.amodal.is_valid:
             return ()
         region = _Region(
-            search_px or (truth.amodal.cx_px, truth.amodal.cy_px), truth.amodal, self._params, image_size_px
+            searched_px or ((truth.amodal.cx_px, truth.amodal.cy_px),), truth.amodal, self._params, image_size_px
         )
         found: list[MeasuredBox] = []
         own = self._of_target(truth, t_s, normal, uniform)
@@ -192,14 +193,18 @@ class _Region:
     """Where is looked for a target of a given size."""
 
     def __init__(
-        self, centre_px: tuple[float, float], size: Box, params: MeasurementParams, image_size_px: tuple[float, float]
+        self,
+        centres_px: Sequence[tuple[float, float]],
+        size: Box,
+        params: MeasurementParams,
+        image_size_px: tuple[float, float],
     ) -> None:
-        self._centre, self._size, self._image = centre_px, size, image_size_px
+        self._centres, self._size, self._image = centres_px, size, image_size_px
         self._half_px = params.search_half_sizes * math.sqrt(size.w_px * size.h_px)
 
     def holds(self, box: Box) -> bool:
-        """Whether the centre of the box is in the region and in the picture."""
-        near = max(abs(box.cx_px - self._centre[0]), abs(box.cy_px - self._centre[1])) <= self._half_px
+        """Whether the centre of the box is in one of the windows and in the picture."""
+        near = any(max(abs(box.cx_px - x), abs(box.cy_px - y)) <= self._half_px for x, y in self._centres)
         return near and 0.0 <= box.cx_px <= self._image[0] and 0.0 <= box.cy_px <= self._image[1]
 
     def fits(self, box: Box) -> bool:
@@ -208,10 +213,10 @@ class _Region:
         return 0.5 <= ratio <= 2.0
 
     def place(self, right: float, below: float, growth: float) -> Box:
-        """A box of the target's size times `growth`, at shares from -1 to 1 of the region."""
+        """A box of the target's size times `growth`, at shares from -1 to 1 of the first window."""
         return Box(
-            self._centre[0] + right * self._half_px,
-            self._centre[1] + below * self._half_px,
+            self._centres[0][0] + right * self._half_px,
+            self._centres[0][1] + below * self._half_px,
             self._size.w_px * growth,
             self._size.h_px * growth,
         )

@@ -181,8 +181,8 @@ class Run:
         """What reaches the application, and what is true: for a picture that shows nothing new, nothing is visible."""
         cover = next((c for c in self._covers if c.at_s <= exposure.scene_s < c.at_s + c.duration_s), None)
         if cover is None:
-            search_px = self._application.searches_at_px(exposure.t_s)
-            self._frozen = self._eyes.look(exposure, now_s, search_px)
+            searched_px = self._application.searched_px(exposure.t_s)
+            self._frozen = self._eyes.look(exposure, now_s, searched_px)
             return self._frozen
         if cover.kind == "black" or self._frozen is None:
             return self._eyes.black(exposure, now_s)[0], {}

@@ -12,7 +12,7 @@ from tracker.collapse import COLLAPSE_LN_SIZE, SizeMemory, is_partial
 from tracker.confidence.features import Doubt
 from tracker.confidence.model import ConfidenceModel
 from tracker.confidence.reference import Reference
-from tracker.likeness import Likeness, exemplar_of, was_compared
+from tracker.likeness import Likeness, exemplar_of
 from tracker.messages import TargetReason, TargetStatus
 from tracker.target_config import TargetConfig
 
@@ -73,7 +73,7 @@ class Admission:
             return False
         if not self._sizes.places_hold:
             return True
-        if now.status is TargetStatus.SEARCHING or not was_compared(best.candidate):
+        if now.status is TargetStatus.SEARCHING or exemplar_of(best.candidate) is None:
             return False
         return self._look.may_resume(best.candidate) and self._look.has_colours(best.candidate)
 

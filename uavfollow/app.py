@@ -207,10 +207,12 @@ class App:
         hint = self._target.hint(t_s)
         return 1 if hint is None else min(1 + len(hint.tiles), max(hint.max_calls, 1))
 
-    def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
-        """Centre of the search region in a picture exposed at `t_s`; None while nothing is followed."""
+    def searched_px(self, t_s: float) -> tuple[tuple[float, float], ...]:
+        """Centres of the windows searched in a picture exposed at `t_s`; empty while nothing is followed."""
         hint = self._target.hint(t_s)
-        return None if hint is None else hint.center_px
+        if hint is None:
+            return ()
+        return (hint.center_px, *(tile.center_px for tile in hint.tiles[: max(hint.max_calls, 1) - 1]))
 
     def reset_flight(self) -> None:
         """Limits start from standstill again: the vehicle has not been flying what was decided so far."""

@@ -179,9 +179,9 @@ class Companion:
         """How many windows will be searched in a picture exposed at `t_s`."""
         return self._app.searches(t_s)
 
-    def searches_at_px(self, t_s: float) -> tuple[float, float] | None:
+    def searched_px(self, t_s: float) -> tuple[tuple[float, float], ...]:
         """Centre of the search region in a picture exposed at `t_s`; None while nothing is selected."""
-        return self._app.searches_at_px(t_s)
+        return self._app.searched_px(t_s)
 
     def poll(self, now_s: float) -> None:
         """Receive, keep the link alive, look at the mode, send what is due. Call it often; it costs little."""

@@ -103,6 +103,7 @@ def test_the_summary_says_what_the_numbers_depend_on(material: Material, tmp_pat
         "hfov_deg": 66.0,
         "range_m": 35.0,
         "max_frames": 3,
+        "preset": None,
         "raw": False,
         "source": str(material.video),
         "tracker": "siamapnpp",

@@ -133,8 +133,10 @@ def test_what_is_far_away_or_of_another_size_is_not_found() -> None:
 
 def test_nothing_is_found_where_the_tracker_does_not_look_or_outside_of_the_picture() -> None:
     model = MeasurementModel(PERFECT)
-    assert model.candidates({"target": SEEN}, "target", 0.0, SIZE, search_px=(310.0, 230.0)) != ()
-    assert model.candidates({"target": SEEN}, "target", 0.0, SIZE, search_px=(500.0, 220.0)) == ()
+    assert model.candidates({"target": SEEN}, "target", 0.0, SIZE, searched_px=[(310.0, 230.0)]) != ()
+    assert model.candidates({"target": SEEN}, "target", 0.0, SIZE, searched_px=[(500.0, 220.0)]) == ()
+    both = [(500.0, 220.0), (310.0, 230.0)]
+    assert model.candidates({"target": SEEN}, "target", 0.0, SIZE, searched_px=both) != ()
     outside = Box(-5, 220, 60, 30)
     assert at(model, 0.0, replace(SEEN, amodal=outside, visible=outside, truncation=0.6)) == ()
     assert at(model, 0.0, replace(SEEN, amodal=None, visible=None)) == ()

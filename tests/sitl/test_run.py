@@ -59,8 +59,8 @@ class Watcher:
     def searches(self, t_capture_s):
         return 1
 
-    def searches_at_px(self, t_capture_s):
-        return None
+    def searched_px(self, t_capture_s):
+        return ()
 
     def see(self, seen, now_s):
         self.seen.append((seen, now_s))

@@ -22,9 +22,9 @@ class CompanionDriver:
         """The operator's box. Raises ValueError when it cannot be selected."""
         return decision(self._companion.select(_frame(seen), box, now_s, seen.t_capture_s))
 
-    def searches_at_px(self, t_capture_s: float) -> tuple[float, float] | None:
+    def searched_px(self, t_capture_s: float) -> tuple[tuple[float, float], ...]:
         """Centre of the search region in the picture of that time."""
-        return self._companion.searches_at_px(t_capture_s)
+        return self._companion.searched_px(t_capture_s)
 
     def searches(self, t_capture_s: float) -> int:
         """How many network calls the picture of that time will take."""
