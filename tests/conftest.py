@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,15 @@ settings.load_profile("ci")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # One thread: two spinning ones collapse when anything else runs on the same cores.
 os.environ["OMP_NUM_THREADS"] = "1"
+
+# A job in the background inherits ignored signals, and the program respects that; its tests are about the other case.
+for one, usual in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGTERM, signal.SIG_DFL),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(one) is signal.SIG_IGN:
+        signal.signal(one, usual)
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

@@ -64,18 +64,12 @@ class Admission:
     def may_move(self, best: Judged, now: Moment) -> bool:
         """Whether a prediction may be moved by what is too faint to be a sight.
 
-        It must look like the target by all means. Where the camera's motion is not told a velocity predicts nothing,
-        and the place of the strongest response is a better guess.
+        Never where the camera's motion is told. Where it is not a velocity predicts nothing, and the place of the
+        strongest response is a better guess.
         """
-        if now.status not in (TargetStatus.COASTING, TargetStatus.SEARCHING) or not best.inside:
+        if self._sizes.places_hold or now.status not in (TargetStatus.COASTING, TargetStatus.SEARCHING):
             return False
-        if self._is_covering(best, now):
-            return False
-        if not self._sizes.places_hold:
-            return True
-        if now.status is TargetStatus.SEARCHING or exemplar_of(best.candidate) is None:
-            return False
-        return self._look.may_resume(best.candidate) and self._look.has_colours(best.candidate)
+        return best.inside and not self._is_covering(best, now)
 
     def found(self, judged: Sequence[Judged], unseen_s: float) -> tuple[list[Judged], TargetReason]:
         """Those that may end a search when they last, and what is to be said: why there is none, or CONFIRMING."""
