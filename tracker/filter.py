@@ -238,19 +238,6 @@ class BoxFilter:
         self._outliers.clear()
         return judged
 
-    def lean(self, box: Box, score: float) -> bool:
-        """Move place and size toward a guess; rates and the decay of a coast stay, for nothing was seen.
-
-        False, and nothing moved, when it is outside the gate or not finite.
-        """
-        kf, updated_s = self._started(), self._updated_s
-        rates = np.array(kf.x[4:8])
-        if not self.innovation(box, score).accepted:
-            return False
-        self.update(box, score)
-        kf.x[4:8], self._updated_s = rates, updated_s
-        return True
-
     def state(self) -> FilterState:
         """A copy of the estimate."""
         kf = self._started()

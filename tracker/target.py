@@ -43,7 +43,6 @@ __all__ = ["TargetConfig", "TargetTracker"]
 
 ELLIPSE_SIGMAS = 2.0  # the ellipse that must stay inside the search region: 86 % of a plane's Gaussian
 MAX_HINT_SCALE = 2.0  # of targets at random places in a window, 90 % were found at scale 1, 49 % at 2, 6 % at 2.8
-LEAN_SIZES = 1.5  # in 1.5 s a walking person goes about as far; further, a guess is another place
 MAX_NUDGE_S = 1.0  # a hand on a picture that is older moves another one
 CONFIDENCE_DECAY_S = 0.5  # confidence of an unseen target falls by e in this time: 5 % at the end of a 1.5 s coast
 
@@ -194,7 +193,6 @@ class TargetTracker:
         """Nothing of an earlier target."""
         self._confidence, self._used_s = 0.0, 0.0
         self._moves = self._admission.covered = False
-        self._leant_px = (0.0, 0.0)  # how far guesses have moved this coast
         self._forget_step()
         self._planned = None
         self._active: tuple[TargetAlarm, ...] = ()
@@ -242,7 +240,7 @@ class TargetTracker:
         self._outlier = next((j.candidate.box for j in judged if self._admission.is_worth_a_look(j)), None)
         found, reason = self._admission.found(judged, now.unseen_s)
         if reason is not TargetReason.SHAPE_COLLAPSE and self._admission.may_move(best, now):
-            self._filter.lean(best.candidate.box, best.probability)
+            self._filter.update(best.candidate.box, best.probability)
         if not found:
             return self._miss(reason, t_s)
         best = max(found, key=lambda j: j.total(self._config.association.motion_weight))
@@ -261,7 +259,7 @@ class TargetTracker:
         reason = self._admission.refuses(best, now)
         if reason is not None:
             if self._admission.may_move(best, now):
-                self._lean(best)
+                self._filter.update(best.candidate.box, best.probability)
             return self._miss(reason, t_s)
         long = now.unseen_s > self._config.status.trust_s + TIME_EPS_S
         if now.status is COASTING and long and not self._is_settled(best, t_s):
@@ -272,19 +270,6 @@ class TargetTracker:
             return self._miss(TargetReason.INNOVATION_GATE, t_s)
         relocated = update.reason is UpdateReason.RELOCATED
         return self._seen(best, best.appearance if relocated else best.probability, relocated, t_s)
-
-    def _lean(self, best: Judged) -> None:
-        """Move a coast, which control still believes, toward a guess: by `LEAN_SIZES` in all and no further."""
-        before, size_px = self._filter.box, math.sqrt(self._filter.box.w_px * self._filter.box.h_px)
-        dx, dy = best.candidate.box.cx_px - before.cx_px, best.candidate.box.cy_px - before.cy_px
-        if math.hypot(self._leant_px[0] + dx, self._leant_px[1] + dy) > LEAN_SIZES * size_px:
-            return
-        if self._filter.lean(best.candidate.box, best.probability):
-            after = self._filter.box
-            self._leant_px = (
-                self._leant_px[0] + after.cx_px - before.cx_px,
-                self._leant_px[1] + after.cy_px - before.cy_px,
-            )
 
     def _moment(self, t_s: float) -> Moment:
         return Moment(t_s, self._machine.status, t_s - self._machine.seen_s, self._filter.box)
@@ -347,7 +332,6 @@ class TargetTracker:
         before = self._sizes.before_collapse()
         self._moves = self._sizes.is_moving(before.t_s if before is not None else math.inf)
         self._sizes.clear()
-        self._leant_px = (0.0, 0.0)
         self._admission.covered = before is not None or reason is TargetReason.SHAPE_COLLAPSE
         if before is not None:
             reason = TargetReason.SHAPE_COLLAPSE

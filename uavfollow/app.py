@@ -232,8 +232,8 @@ class App:
             shift = self._camera_motion.step(
                 telemetry.vehicle, telemetry.gimbal, t_s, pixel, range_estimate, self._intrinsics
             )
-            if shift != (0.0, 0.0) or (telemetry.vehicle is not None and telemetry.gimbal is not None):
-                self._target.shift(*shift)  # standing still is known as well
+            if shift != (0.0, 0.0):
+                self._target.shift(*shift)
         except Exception as error:  # without it the estimate only knows less
             self._survived("ego-motion", error)
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.tracker.scripted import BOX, IMAGE, RATES, SIZE_PX, evidence, seen, step_all
 from tracker.messages import Candidate, TargetReason, TargetState, TargetStatus
-from tracker.target import LEAN_SIZES, TargetConfig, TargetTracker
+from tracker.target import TargetConfig, TargetTracker
 
 ACQUIRING, LOCKED = TargetStatus.ACQUIRING, TargetStatus.LOCKED
 COASTING, SEARCHING = TargetStatus.COASTING, TargetStatus.SEARCHING
@@ -111,20 +111,6 @@ def test_with_ego_motion_no_faint_response_moves_a_coast(exemplar: float, moves:
     assert states[-1].box is not None
     moved = (states[-1].box.cx_px - BOX.cx_px) / SIZE_PX
     assert moved == pytest.approx(0.3 if moves else 0.0, abs=0.1)
-
-
-def test_faint_responses_cannot_lead_a_coast_away_nor_teach_it_a_velocity() -> None:
-    tracker = known()
-    step_all(lambda t: [], times(2.0, 2.1, 30.0), tracker)
-    dx = 0.0
-    for t in times(2.1, 2.9, 30.0):
-        dx += 0.4 * SIZE_PX
-        state = tracker.step([faint(dx)], t, IMAGE)
-        assert state.status is COASTING
-        assert state.box is not None
-        assert abs(state.box.cx_px - BOX.cx_px) <= LEAN_SIZES * SIZE_PX
-        assert math.hypot(*state.vel_px_s) < 0.1 * SIZE_PX
-    assert abs(state.box.cx_px - BOX.cx_px) > 0.5 * SIZE_PX
 
 
 def test_a_prediction_is_not_moved_by_what_is_left_of_a_covered_target() -> None:
