@@ -145,7 +145,6 @@ class TargetTracker:
             return self._report(TargetReason.GAVE_UP)
         if expired is not None:
             self._plan.reset()
-            self._run.clear()  # sights of a coast are not those of a search, which asks for more
         reason = self._look(candidates, t_s)
         if self._machine.status is SEARCHING:
             self._plan_search(t_s)
